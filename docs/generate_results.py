@@ -117,7 +117,7 @@ def used_terms(tables: Sequence[Table], titles: str = "") -> dict[str, set[str]]
         used["columns"] |= {"95 % CI" for heading in headings if "95 % CI" in heading}
         for row in table.rows:
             cells = dict(zip(headings, row, strict=True))
-            used["rows"] |= set(re.sub(r"\[.*", "", cells[METHOD]).split(", "))
+            used["rows"] |= set(re.sub(r"\[.*| \(.*for .*", "", cells[METHOD]).split(", "))
             used["inputs"] |= {_input(part) for part in re.split(r", | \+ ", cells.get("input", "-"))} - {"-"}
     if {SUCCESS_RATE, ACCURACY} <= used["columns"]:
         used["columns"] |= IN_NAVIGATION

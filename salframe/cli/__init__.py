@@ -85,6 +85,8 @@ class Commands(TyperGroup):
         except KeyboardInterrupt as stop:
             raise _Interrupted from stop
         except SystemExit as stop:
+            if isinstance(stop.__context__, BrokenPipeError):  # rich ends the process if stdout is a closed pipe
+                raise
             if ctx.invoked_subcommand not in self.commands:  # a plugin's command may end the process
                 raise
             *_, last = traceback.extract_tb(stop.__traceback__)
@@ -193,7 +195,8 @@ def main() -> None:
     """Run the command line.
 
     For an error that a user can cause, one line is printed on stderr, and the exit status is 2. For an interrupt, one
-    line is printed, and the exit status is 130. For SIGTERM, it is 143.
+    line is printed, and the exit status is 130. For SIGTERM, it is 143. If the reader of the output closes the pipe,
+    nothing is printed, and the exit status is 1.
     """
     signal.signal(signal.SIGTERM, _terminate)
     show_log()
@@ -215,11 +218,14 @@ def main() -> None:
         if _debug:
             raise
         _fail(describe_error(error))
+    except BrokenPipeError:  # for example `salframe plugins --json | head -1`
+        _discard_stdout()
+        sys.exit(1)
     except OSError as error:  # for example a full disk, or a folder without write permission
         if _debug:
             raise
-        if error.filename is None:  # stdout is not writable; otherwise Python would report this again at exit
-            sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+        if error.filename is None:  # stdout is not writable
+            _discard_stdout()
         _fail(f"cannot use {error.filename or 'the standard output'}: {error.strerror or error}")
     except MemoryError as error:
         if _debug:
@@ -228,6 +234,11 @@ def main() -> None:
             f"out of memory{f': {one_line(error)}' if str(error) else ''}; close other programs, or "
             "use fewer workers if the command has the option --workers"
         )
+
+
+def _discard_stdout() -> None:
+    """Discard the rest of the output. Otherwise Python would report at exit that stdout is not writable."""
+    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
 
 
 def _check_arguments(arguments: Sequence[str]) -> None:

@@ -91,5 +91,7 @@ def evaluate(
     The methods do not run again.
     """
     from salframe.evaluation.finished_runs import evaluate as measure
+    from salframe.evaluation.tasks.all import open_run
 
-    show(lambda progress: measure(run), Printing(as_json, style, split_names(columns or "")))
+    _, task = open_run(run)
+    show(lambda progress: measure(run), Printing(as_json, style, split_names(columns or "")), type(task))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from salframe.cli.options import CommonOptions, StudySeed, with_common_options
-from salframe.cli.output import TABLE, Bars, print_json
+from salframe.cli.output import LIST_COLUMNS, TABLE, Bars, print_columns, print_json
 
 if TYPE_CHECKING:
     from salframe.evaluation.studies.experiment import ExperimentResult
@@ -41,7 +41,8 @@ def experiment(
     Tables of real buildings need --data-dir. Run the same command again to resume an interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
-    from salframe.evaluation.studies.experiment import experiment_names, read_experiment, run_experiment
+    from salframe.evaluation.runs.task import check_columns
+    from salframe.evaluation.studies.experiment import experiment_names, read_experiment, run_experiment, tasks_of
 
     if name is None:
         print_table(
@@ -52,16 +53,23 @@ def experiment(
             ],
         )
         return
+    selected_names = experiment_names() if name == ALL else [name]
+    kinds = tasks_of(selected_names)
+    columns = options.printing.columns
+    if columns == LIST_COLUMNS:
+        print_columns(kinds, options.as_json)
+        return
+    check_columns(columns, kinds)
     request = replace(options.request(), data=None)
     experiment_results: list[ExperimentResult] = []
-    for selected in experiment_names() if name == ALL else [name]:
+    for selected in selected_names:
         with Bars() as bars:
             result = run_experiment(selected, request, quick=quick, force=force, results=results, progress=bars.update)
         experiment_results.append(result)
         if not options.as_json and options.style == TABLE:
-            print_experiment(result)
+            print_experiment(result, columns)
         elif not options.as_json:
-            print(format_experiment(result, options.style))
+            print(format_experiment(result, options.style, columns))
     if options.as_json:
         print_json([result.to_json() for result in experiment_results])
     if any(result.crashed or not any(table.stored for table in result.tables) for result in experiment_results):

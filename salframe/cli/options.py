@@ -170,7 +170,8 @@ Style = Annotated[
     Literal["table", "md", "latex", "csv"],
     typer.Option(
         "--format",
-        help="Format of the printed tables; csv ignores --columns: it has all columns, and numbers with more digits",
+        help="Format of the printed tables; latex has at most 6 columns unless --columns selects them; csv has all "
+        "columns, and numbers with more digits",
     ),
 ]
 Columns = Annotated[

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 TABLE = "table"
 """Value of `--format` for tables in the terminal."""
+LIST_COLUMNS = ("help",)
+"""Value of `--columns` that lists the columns and runs nothing."""
 LINE_SECONDS = 30.0
 """Interval in seconds between progress lines, if stderr is not a terminal."""
 
@@ -132,27 +134,55 @@ class Bars:
         self._progress.stop()
 
 
+def print_columns(kinds: Iterable[type[AnyTask]], as_json: bool = False) -> None:
+    """Print the columns of the tables of tasks: the name of each column for `--columns`, its heading, and whether the
+    table shows it without `--columns` (a main column)."""
+    from salframe.cli.tables import print_table
+
+    columns = {
+        kind.name: [
+            (name, " ".join(column.heading.split()), name in kind.default_columns)
+            for name, column in kind.columns.items()
+        ]
+        for kind in kinds
+    }
+    if as_json:
+        fields = ("name", "heading", "main")
+        print_json({task: [dict(zip(fields, one, strict=True)) for one in listed] for task, listed in columns.items()})
+        return
+    for task, listed in columns.items():
+        print(f"columns of the task {task}:")
+        print_table(
+            ("name", "heading", "main column"),
+            [(name, heading, "yes" if main else "") for name, heading, main in listed],
+        )
+
+
 def show(
     run: Callable[[Progress], Result[Any] | StudyResult],
     printing: Printing,
-    kind: type[AnyTask] | None = None,
+    kind: type[AnyTask],
     *,
     details: bool = False,
 ) -> None:
-    """Run a task, and print its progress on stderr and its result on stdout.
+    """Run a task, and print its progress on stderr and its result on stdout. With `--columns help`, nothing is run, and
+    the columns are printed.
 
     Exits with status 1 if nothing was measured or something crashed.
 
     Args:
         run: Function that runs the task and returns its result. It is called with the function that shows progress.
         printing: Output format of the result.
-        kind: Class of the task, to check the names of the columns before the run; None: they are not checked.
+        kind: Class of the task, to check the names of the columns before the run.
         details: Whether to print the detailed tables too.
     """
     from salframe.cli.tables import format_result, print_result
+    from salframe.evaluation.runs.task import check_columns
 
-    if kind is not None:
-        kind.check_columns(printing.columns)
+    if printing.columns == LIST_COLUMNS:
+        print_columns([kind], printing.as_json)
+        return
+    check_columns(printing.columns, [kind])
     with Bars() as bars:
         result = run(bars.update)
     if printing.as_json:

@@ -28,11 +28,17 @@ def report(
     The report is one file that can be read offline. It shows the results of the runs side by side, and the details of
     every query.
     """
-    from salframe.cli.output import Bars, tell
+    from salframe.cli.output import LIST_COLUMNS, Bars, print_columns, tell
     from salframe.evaluation.finished_runs import write_report
+    from salframe.evaluation.tasks.all import open_run
 
+    names = split_names(columns or "")
+    if names == LIST_COLUMNS:
+        _, task = open_run(runs[0])
+        print_columns([type(task)])
+        return
     with Bars() as bars:
-        result = write_report(runs, output, full=full, columns=split_names(columns or ""), progress=bars.update)
+        result = write_report(runs, output, full=full, columns=names, progress=bars.update)
     for note in result.notes:
         tell(note)
     print(f"{result.path}: {result.path.stat().st_size / 1e6:.1f} MB")

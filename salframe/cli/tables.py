@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from salframe.evaluation.tasks.sensor.measurement import SensorMeasurement
 
 
+LATEX_COLUMNS = 6
+"""Maximum number of columns of a LaTeX table without --columns. As many fit the width of a page."""
 INPUT_WIDTH = 22
 """Maximum width of the column with the inputs of a method, in characters. Longer text wraps."""
 
@@ -59,11 +61,12 @@ def print_result(result: Result[Any] | StudyResult, columns: Sequence[str] = (),
     _say(result.where, dim=False)
 
 
-def print_experiment(result: ExperimentResult) -> None:
-    """Print the tables of an experiment, the corresponding tables of papers, and the path of the results file."""
+def print_experiment(result: ExperimentResult, columns: Sequence[str] = ()) -> None:
+    """Print the tables of an experiment, the corresponding tables of papers, and the path of the results file.
+    `columns` are the names of the columns; empty: the columns that the experiment states."""
     _say(f"{result.experiment.title}: {result.experiment.question}", dim=False)
     for table in result.tables:
-        for part in table.tables():
+        for part in table.tables(columns):
             print_measured(part)
         if table.stored is not None:
             _say(f"{table.name}: measured on {table.stored.date}, {table.stored.machine}")
@@ -116,28 +119,30 @@ def _rich(table: Table) -> rich_table.Table:
 
 
 def format_result(result: Result[Any] | StudyResult, style: str, columns: Sequence[str] = ()) -> str:
-    """Return the tables of a result as text in the style "md", "latex" or "csv". "csv" has all columns, and
-    numbers with more digits."""
+    """Return the tables of a result as text in the style "md", "latex" or "csv".
+
+    "latex" has at most LATEX_COLUMNS columns unless `columns` names them. "csv" has all columns, and numbers with more
+    digits.
+    """
     from salframe.evaluation.tables.formats import to_csv, to_markdown
-    from salframe.evaluation.tables.reported import reported_tables
 
     if style == "csv":
         return to_csv([row.to_json() for row in result.rows], getattr(result, "settings", ()))
-    tables = [*result.tables(columns), *reported_tables(result.reported)]
+    measured = result.tables(columns)
+    reported = _reported_by_title([part for paper in result.reported for part in paper.tables])
     if style == "md":
-        return "\n".join(map(to_markdown, tables))
-    captions = [str(table.title or result.task.capitalize()) for table in tables]
-    return "\n".join(map(_floating, tables, captions))
+        return "\n".join(map(to_markdown, [*measured, *(table for _, table in reported)]))
+    titles = [", ".join(filter(None, (result.caption, table.title))) for table in measured]
+    return _to_latex([*zip(titles, measured, strict=True), *reported], () if columns else measured, result.task)
 
 
-def format_experiment(result: ExperimentResult, style: str) -> str:
+def format_experiment(result: ExperimentResult, style: str, columns: Sequence[str] = ()) -> str:
     """Return the tables of an experiment as text in the style "md", "latex" or "csv".
 
-    In "md" and "latex", each table has its title, and tables of papers come last. "csv" has only the measured tables,
-    and numbers with more digits.
+    In "md" and "latex", each table has its title, and tables of papers come last. "latex" has at most LATEX_COLUMNS
+    columns unless `columns` names them. "csv" has only the measured tables, and numbers with more digits.
     """
     from salframe.evaluation.tables.formats import to_csv, to_markdown
-    from salframe.evaluation.tables.reported import reported_table
 
     if style == "csv":
         tables = ((table.name, table.stored) for table in result.tables if table.stored)
@@ -145,19 +150,46 @@ def format_experiment(result: ExperimentResult, style: str) -> str:
             to_csv(stored.rows, [{"table": name, **settings} for settings in stored.settings])
             for name, stored in tables
         )
-    parts = [part for table in result.tables for part in table.tables()]
-    tables_by_title = [(str(part.title), part) for part in parts]
-    tables_by_title += [(f"reported, not measured: {part.title}", reported_table(part)) for _, part in result.reported]
+    measured = [part for table in result.tables for part in table.tables(columns)]
+    tables_by_title = [(str(part.title), part) for part in measured]
+    tables_by_title += _reported_by_title([part for _, part in result.reported])
     if style == "md":
         return "\n".join(f"**{title}**\n\n{to_markdown(table)}" for title, table in tables_by_title)
-    return "\n".join(_floating(table, title) for title, table in tables_by_title)
+    return _to_latex(tables_by_title, () if columns else measured, result.name)
 
 
-def _floating(table: Table, caption: str) -> str:
-    """Return a table as a LaTeX float, with a caption and a label that is derived from the caption."""
+def _reported_by_title(parts: Sequence[ReportedTable]) -> list[tuple[str, Table]]:
+    """Return the tables of papers with their titles."""
+    from salframe.evaluation.tables.reported import reported_table
+
+    return [(f"reported, not measured: {part.title}", reported_table(part)) for part in parts]
+
+
+def _to_latex(tables_by_title: Sequence[tuple[str, Table]], wide: Sequence[Table], name: str) -> str:
+    """Return tables as LaTeX floats with captions and labels.
+
+    A label is derived from the caption, and starts with `name`. Repeated labels are numbered.
+
+    Args:
+        tables_by_title: The captions and the tables.
+        wide: Those of the tables that get at most LATEX_COLUMNS columns. A comment names the columns that are left out.
+        name: Name of the task or experiment.
+    """
     from salframe.evaluation.tables.formats import to_latex
+    from salframe.evaluation.tables.table import narrow_table
 
-    return to_latex(table, caption, f"tab:{'-'.join(re.findall(r'[a-z0-9]+', caption.lower())[:6])}")
+    floats: list[str] = []
+    labels: list[str] = []
+    for title, table in tables_by_title:
+        words = [word for word in re.findall(r"[a-z0-9]+", title.lower()) if word != "on"]
+        label = "-".join(words if words[:1] == [name] else [name, *words])
+        labels.append(label)
+        number = f"-{labels.count(label)}" if labels.count(label) > 1 else ""
+        table, left_out = narrow_table(table, LATEX_COLUMNS) if table in wide else (table, [])
+        headings = ", ".join(" ".join(heading.split()) for heading in left_out)
+        note = f"% columns left out, which --columns can select: {headings}\n" if headings else ""
+        floats.append(note + to_latex(table, title, f"tab:{label}{number}"))
+    return "\n".join(floats)
 
 
 def print_sensor(measurement: SensorMeasurement) -> None:

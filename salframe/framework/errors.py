@@ -120,12 +120,29 @@ def failure_of(call: Callable[[], object]) -> str | None:
     return None
 
 
+def suggest(name: str, known: Sequence[str]) -> str:
+    """Return ", did you mean 'NAME'" with the known name that is closest to an unknown one; "" if none is close."""
+    close = difflib.get_close_matches(name, known, 1)
+    return f", did you mean {close[0]!r}" if close else ""
+
+
+def unknown_key(noun: str, key: str, known: Sequence[str]) -> str:
+    """Return the message for an unknown key or setting, as `noun` calls it: the closest name and the known names.
+
+    Args:
+        noun: "key" or "setting".
+        key: The dotted key, whose last part is unknown.
+        known: The known names of the last part; empty if they cannot be determined.
+    """
+    listed = f" (known {noun}s: {', '.join(known)})" if known else ""
+    return f"unknown {noun} {key}{suggest(key.rpartition('.')[2], known)}{listed}"
+
+
 def unknown(what: str, name: str, known: Sequence[str], failures: Sequence[object] = ()) -> str:
     """Return the message for an unknown name: the closest name, the known names, and failed plugins."""
-    close = difflib.get_close_matches(name, known, 1)
     listed = ", ".join(known[:30]) + (f", ... ({len(known)} in all)" if len(known) > 30 else "")
-    hint = f", did you mean {close[0]!r}?" if close else "."
-    message = f"unknown {what} {name!r}{hint} Known: {listed or 'none'}."
+    suggestion = suggest(name, known)
+    message = f"unknown {what} {name!r}{suggestion}{'?' if suggestion else '.'} Known: {listed or 'none'}."
     if failures:
         message += f" {counted(len(failures), 'plugin')} failed to load: {', '.join(map(str, failures))}."
     return message

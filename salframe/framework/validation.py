@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, get_args
+from types import UnionType
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
-from salframe.framework.errors import ConfigError, SalframeError, counted, one_line, shorten
+from salframe.framework.errors import ConfigError, SalframeError, counted, one_line, shorten, unknown_key
 
 MAX_PROBLEMS = 3
 """Maximum number of validation errors to report. Messages have only the number of further errors."""
@@ -108,10 +108,12 @@ _COMPARISONS = ("greater_than", "greater_than_equal", "less_than", "less_than_eq
 
 def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:
     """Describe validation errors in one line: the first MAX_PROBLEMS errors, and the number of the others."""
+    faults = [(_walk(model, fault["loc"]), fault) for fault in error.errors() if not _follows_from_items(fault)]
+    inside = {union for location, _ in faults for union in location.unions}
     problems: dict[str, list[str]] = {}  # a value that may have several types has one error for each type
-    for fault in error.errors():
-        if not _follows_from_items(fault):
-            received, expected = _problem(model, fault, where)
+    for location, fault in faults:
+        if location.mismatch not in inside:
+            received, expected = _problem(location, fault, where)
             problems.setdefault(received, []).extend([expected] if expected else [])
     lines = [
         f"{received}, expected {' or '.join(dict.fromkeys(expected))}" if expected else received
@@ -120,6 +122,64 @@ def describe_faults(error: ValidationError, where: str, model: type[BaseModel] |
     rest = len(lines) - MAX_PROBLEMS
     more = f"; and {rest} more {'error' if rest == 1 else 'errors'}" if rest > 0 else ""
     return "; ".join(lines[:MAX_PROBLEMS]) + more
+
+
+class _Location(NamedTuple):
+    """Location of a validation error.
+
+    Attributes:
+        keys: Nested keys of the value.
+        fields: Names of the settings beside the last key; empty if they are not known.
+        unions: The keys of each value that may have several types, and that has one of them, because the error is
+            inside the value.
+        mismatch: The keys of a value that may have several types, if it has none of them or not the one that the error
+            is about.
+    """
+
+    keys: tuple[str, ...]
+    fields: tuple[str, ...]
+    unions: frozenset[tuple[str, ...]]
+    mismatch: tuple[str, ...] | None
+
+
+def _walk(model: type[BaseModel] | None, loc: Sequence[int | str]) -> _Location:
+    """Return a location in a model, without the names of types that pydantic adds."""
+    types: list[Any] = [model] if model else []
+    fields: tuple[str, ...] = ()
+    keys: list[str] = []
+    tagged: list[tuple[str, ...]] = []
+    for part in loc:
+        models = [one for one in types if isinstance(one, type) and issubclass(one, BaseModel)]
+        alike = [one for one in models if one.__name__ == part and len(types) > 1]
+        if alike or _TYPE_TAG.fullmatch(str(part)):
+            types = alike or types
+            tagged.append(tuple(keys))
+            continue
+        fields = tuple(name for one in models for name in one.model_fields) if len(models) == 1 else ()
+        types = [inner for one in types for inner in _types_below(one, part)]
+        keys.append(str(part))
+    here = tuple(keys)
+    return _Location(here, fields, frozenset(tagged) - {here}, here if here in tagged else None)
+
+
+def _types_below(kind: Any, key: int | str) -> list[Any]:
+    """Return the types that a value may have at a key of a model, mapping or list; an empty list if unknown."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        field = kind.model_fields.get(str(key))
+        return [] if field is None else _alternatives(field.annotation)
+    origin, parts = get_origin(kind), get_args(kind)
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return _alternatives(parts[1])
+    return [one for part in parts for one in _alternatives(part)] if origin in (list, tuple) else []
+
+
+def _alternatives(kind: Any) -> list[Any]:
+    """Return the types of a union, or the type alone."""
+    if get_origin(kind) is Annotated:
+        return _alternatives(get_args(kind)[0])
+    if get_origin(kind) in (Union, UnionType):
+        return [one for part in get_args(kind) for one in _alternatives(part) if one is not type(None)]
+    return [kind]
 
 
 def _follows_from_items(problem: Any) -> bool:
@@ -132,18 +192,13 @@ def _follows_from_items(problem: Any) -> bool:
     )
 
 
-def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> tuple[str, str]:
+def _problem(location: _Location, problem: Any, where: str) -> tuple[str, str]:
     """Return a validation error as two texts: the key and the received value, and the expected value or ""."""
-    file, key = _place([str(part) for part in problem["loc"] if not _TYPE_TAG.fullmatch(str(part))], where)
+    file, key = _place(location.keys, where)
     noun = "key" if file else "setting"
     prefix = f"{file}: " if file else ""
     if problem["type"] == "extra_forbidden":
-        *above, name = map(str, problem["loc"])
-        fields = [field for field in _fields_below(model, above) if field != "kind"]
-        close = difflib.get_close_matches(name, fields, 1)
-        hint = f", did you mean {close[0]!r}" if close else ""
-        known = f" (known {noun}s: {', '.join(fields)})" if fields else ""
-        return f"{prefix}unknown {noun} {key}{hint}{known}", ""
+        return prefix + unknown_key(noun, key, [name for name in location.fields if name != "kind"]), ""
     if problem["type"] == "missing":
         return f"{prefix}the required {noun} {key} is missing", ""
     start = f"{prefix}{noun} {key}" if key else file
@@ -175,13 +230,3 @@ def _expected(problem: Any) -> str:
         return f"a string that matches {limits['pattern']}"
     text = str(problem["msg"]).removeprefix("Input should be ").replace("an instance of Path", "a path")
     return f"a number {text}" if kind in _COMPARISONS else _EXPECTED.get(kind, text)
-
-
-def _fields_below(model: type[BaseModel] | None, keys: Sequence[str]) -> list[str]:
-    """Return the names of the fields of the model at nested keys; an empty list if it is not known."""
-    for key in keys:
-        field = model.model_fields.get(key) if model else None
-        parts = [] if field is None else [field.annotation, *get_args(field.annotation)]
-        models = [part for part in parts if isinstance(part, type) and issubclass(part, BaseModel)]
-        model = models[0] if len(models) == 1 else model if key.isdecimal() else None
-    return list(model.model_fields) if model else []

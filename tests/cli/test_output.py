@@ -210,6 +210,32 @@ def test_a_full_standard_output_is_one_line(fakes, asked):
     assert done.stderr == "error: cannot use the standard output: No space left on device\n"
 
 
+@pytest.mark.parametrize("is_unbuffered", [False, True])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(
+            ("--help",),
+            ("evaluate", "--help"),
+            ("methods",),
+            ("plugins", "--json"),
+            ("show", "reader"),
+            ("data", "list"),
+        ),
+        ("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline"),
+    ],
+    ids=" ".join,
+)
+def test_a_closed_pipe_ends_the_command_without_a_message(fakes, arguments):
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run([*SALFRAME, *arguments], stdout=writer, stderr=subprocess.PIPE, text=True)
+    finally:
+        os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
 @pytest.mark.parametrize("asked", [[b"evaluate", b"caf\xe9"], [b"compare", b"--data", b"rooms", b"--runs", b"caf\xe9"]])
 def test_a_name_that_is_no_utf8_is_one_line_before_any_work(fakes, tmp_path, asked):
     done = subprocess.run([*map(os.fsencode, SALFRAME), *asked], capture_output=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import pytest
 from pydantic import Field
@@ -39,6 +40,41 @@ class Model(Settings):
 def test_numbers_that_nothing_can_compute_with_are_refused(settings, message):
     with pytest.raises(ConfigError, match=message):
         validate(Model, settings, "model")
+
+
+class Rates(Settings):
+    missed: float = Field(0.0, le=1)
+    share: float = 0.0
+
+
+class Sensor(Settings):
+    noise: Literal["none", "uniform"] | Rates | Path = "none"
+    sets: tuple[str, ...] | dict[str, str | Rates] = ()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (
+            {"noise": {"mised": 0.5}},
+            "unknown setting sensor.noise.mised, did you mean 'missed' (known settings: missed, share)",
+        ),
+        (
+            {"noise": {"missed": 2}},
+            "setting sensor.noise.missed: received 2, expected a number less than or equal to 1",
+        ),
+        ({"noise": 3}, "setting sensor.noise: received 3, expected 'none' or 'uniform' or a dictionary or a path"),
+        (
+            {"sets": {"a": {"shares": 0.5}}},
+            "unknown setting sensor.sets.a.shares, did you mean 'share' (known settings: missed, share)",
+        ),
+        ({"sets": {"a": 3}}, "setting sensor.sets.a: received 3, expected a string or a dictionary"),
+    ],
+)
+def test_an_error_in_a_setting_of_several_types_is_about_the_received_type(settings, message):
+    with pytest.raises(ConfigError) as caught:
+        validate(Sensor, settings, "sensor")
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from salframe.evaluation.report.view import RunView
 from salframe.evaluation.runs.changes import base_of, hidden_in, with_changes
 from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.runs.run_folder import SUBSTITUTIONS
 from salframe.framework.components.settings import flatten, spell_value
 
 SEED = "seed"
@@ -82,11 +83,13 @@ def name_arms(
     ]
     keys = find_varied(settings, bases)
     named = [{key: spell_value(arm_settings[key]) for key in keys if key in arm_settings} for arm_settings in settings]
-    changes = [
-        views[arm_entries[0].run].result.request.get("changes", {}).get(label, ())
-        for arm_entries, label in zip(entries, labels, strict=True)
+    requests = [views[arm_entries[0].run].result.request for arm_entries in entries]
+    titles = [
+        with_changes(
+            base, hidden_in(request.get("changes", {}).get(label, ()), shown), request.get(SUBSTITUTIONS, {}).get(label)
+        )
+        for base, request, label, shown in zip(bases, requests, labels, named, strict=True)
     ]
-    titles = [with_changes(base, hidden_in(one, shown)) for base, one, shown in zip(bases, changes, named, strict=True)]
     names = _short_names(titles, named)
     return [Arm(*parts) for parts in zip(names, labels, titles, named, rows, entries, strict=True)]
 

@@ -9,6 +9,7 @@ from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.summary import describe_run, list_notes
 from salframe.evaluation.report.tables import make_tables
 from salframe.evaluation.report.view import RunView
+from salframe.evaluation.runs.run_folder import name_of
 
 MAX_NAMES = 4
 """Maximum number of methods that the title of an HTML page names."""
@@ -51,7 +52,7 @@ def _title(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm]) -> str:
     names = list(dict.fromkeys(arm.base for arm in arms))
     shown = names if len(names) <= MAX_NAMES else [*names[: MAX_NAMES - 1], f"{len(names) - MAX_NAMES + 1} more"]
     methods = shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
-    data = list(dict.fromkeys(view.name.rpartition("-")[0] for view in views))  # without the key of the request
+    data = list(dict.fromkeys(name_of(view.result.run) for view in views))
     return f"{methods} on {', '.join(data)}"
 
 

@@ -20,7 +20,7 @@ def make_tables(kind: type[AnyTask], arms: Sequence[Arm], about: str, columns: S
     leading |= {short_key(key, keys): [arm.varied.get(key, "") for arm in arms] for key in keys}
     if any(len(arm.entries) > 1 for arm in arms):
         leading["seeds"] = [str(len(arm.entries)) for arm in arms]
-    rows = [replace(arm.row, method=arm.name, changes=()) for arm in arms]
+    rows = [replace(arm.row, method=arm.name, changes=(), substitution=None) for arm in arms]
     usual = [_as_json(table) for table in kind.tables(rows, columns, leading)]
     return {
         "usual": usual,

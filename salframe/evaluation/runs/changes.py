@@ -55,11 +55,13 @@ def base_of(label: str) -> str:
     return name + rest.rpartition("]")[2]
 
 
-def with_changes(label: str, changes: Sequence[str]) -> str:
-    """Return the label of a method and its changed settings in brackets, at most MAX_CHANGES of them."""
+def with_changes(label: str, changes: Sequence[str], substitution: str | None = None) -> str:
+    """Return the label of a method, at most MAX_CHANGES of its changed settings in brackets, and in parentheses the
+    method that it replaces, such as "loftr-compact[top_k=5] (for loftr)"."""
     more = len(changes) - MAX_CHANGES
     shown = [*changes[:MAX_CHANGES], *([f"{more} more"] if more > 0 else [])]
-    return f"{label}[{','.join(shown)}]" if shown else label
+    settings = f"[{','.join(shown)}]" if shown else ""
+    return f"{label}{settings}{f' ({substitution})' if substitution else ''}"
 
 
 def hidden_in(changes: Sequence[str], shown: Mapping[str, Any]) -> list[str]:

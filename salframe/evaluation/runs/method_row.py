@@ -23,6 +23,8 @@ class MethodRow(ABC):
     Attributes:
         method: Label of the method.
         changes: Settings of the method that differ from the preset or component of its name, "key=value" each.
+        substitution: The requested method that this method replaces, because it cannot run on this machine, such as
+            "for loftr".
         input: Parts of panoramas that the method received, with the noise added to them. Includes ESTIMATED_RANGE if
             the method estimated the range.
         available: Whether the method can run on this machine and on the data.
@@ -35,6 +37,7 @@ class MethodRow(ABC):
 
     method: str
     changes: tuple[str, ...] = ()
+    substitution: str | None = None
     input: tuple[str, ...] = ()
     available: bool = True
     ended: MethodStatus = MethodStatus.DONE
@@ -79,8 +82,9 @@ class MethodRow(ABC):
 
     @property
     def title(self) -> str:
-        """The label of the method with the settings that differ from its preset, for tables."""
-        return with_changes(self.method, self.changes)
+        """The label of the method with the settings that differ from its preset and the method that it replaces, for
+        tables."""
+        return with_changes(self.method, self.changes, self.substitution)
 
     @property
     def remark(self) -> str | None:

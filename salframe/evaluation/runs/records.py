@@ -37,6 +37,7 @@ class Record(Generic[PieceRowT]):
         rows: Rows of the method in the order of the pieces; None for a piece that has no row yet.
         folder: Folder of the method.
         changes: Settings of the method that differ from its preset, "key=value" each.
+        substitution: The method that it replaces, such as "for loftr"; None if it replaces no other method.
     """
 
     label: str
@@ -44,6 +45,7 @@ class Record(Generic[PieceRowT]):
     rows: tuple[PieceRowT | None, ...]
     folder: Path
     changes: tuple[str, ...] = ()
+    substitution: str | None = None
 
     @property
     def done(self) -> bool:
@@ -79,6 +81,7 @@ def in_common(records: Sequence[Record[Any]]) -> dict[str, Any]:
     return {
         "method": records[0].label,
         "changes": records[0].changes,
+        "substitution": records[0].substitution,
         "input": worst.input,
         "available": worst.status is not MethodStatus.UNAVAILABLE,
         "ended": worst.status,

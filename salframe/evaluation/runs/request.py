@@ -99,6 +99,8 @@ class Resolved:
         scopes: Settings whose key starts with a scope ("data", "engine", or a scope of the task), by scope.
         notes: Notes on methods that replace a requested one, and on the components that `auto` selected.
         replacements: Notes on methods that replace a requested one; they are also in `notes`.
+        substitutions: For each label of a method that replaces a requested one, the replacement in words: "for loftr",
+            or "loftr-compact for loftr" if the label does not name the method.
         requested_as: The requested label of each method, by its label in the run.
         changes: The settings of methods that differ from the preset or component of their name, "key=value" each, by
             label. Methods without such settings are missing.
@@ -113,6 +115,7 @@ class Resolved:
     requested_as: Mapping[str, str] = field(default_factory=dict)
     changes: Mapping[str, Sequence[str]] = field(default_factory=dict)
     replacements: tuple[str, ...] = ()
+    substitutions: Mapping[str, str] = field(default_factory=dict)
 
 
 def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = ()) -> Resolved:
@@ -150,6 +153,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
     taken: dict[str, list[str]] = {}
     requested_as: dict[str, str] = {}
     changes: dict[str, Sequence[str]] = {}
+    substitutions: dict[str, str] = {}
     for label, variant in requested.items():
         choice = Choice(data_name, provides)
         settings_of_variant = [nest(key.split("."), value) for key, value in variant.settings.items()]
@@ -161,6 +165,8 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
         runs = label.replace(variant.name, other, 1) if other is not None and named else label
         if runs == label or runs not in requested:
             methods[runs], requested_as[runs] = instead, label
+            if other is not None:
+                substitutions[runs] = f"{'' if named else f'{other} '}for {short_name(variant.method)}"
             runner, standard_choice = other or variant.method, Choice(data_name, provides)
             if over or runs != runner:
                 changes[runs] = find_changes(role, runs, runner, variant.settings, instead, standard_choice)
@@ -179,6 +185,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
         requested_as,
         {label: one for label, one in changes.items() if one},
         replacements,
+        substitutions,
     )
 
 

@@ -30,6 +30,8 @@ from salframe.framework.validation import Seed, Settings, validate
 
 REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
 """Names in a run folder: the request, its notes, and the folder that contains a folder for each method."""
+SUBSTITUTIONS = "substitutions"
+"""Key of request.yaml: the methods that replace a requested one."""
 RUN_FORMAT: Literal[2] = 2
 """Version of the layout of run folders. It changes when a key of their files is renamed."""
 ROWS, DESCRIPTIONS, MAPS = "rows.jsonl", "descriptions.jsonl", "maps.jsonl"
@@ -110,6 +112,7 @@ class _SavedRequest(Settings):
     data: dict[str, Any]
     methods: dict[str, dict[str, Any]]
     changes: dict[str, list[str]] = Field({})
+    substitutions: dict[str, str] = Field({})
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,7 @@ class Run:
     """A run folder.
 
     `content` is the content of request.yaml: task, seed, data, and dictionaries from the label of a method to its
-    settings and its changes.
+    settings, its changes, and the requested method that it replaces.
     """
 
     directory: Path
@@ -157,6 +160,8 @@ class Run:
         }
         if resolved.changes:
             request["changes"] = {label: list(changes) for label, changes in resolved.changes.items()}
+        if resolved.substitutions:
+            request[SUBSTITUTIONS] = dict(resolved.substitutions)
         text = yaml.safe_dump(request, sort_keys=False)
         directory, content = runs / f"{name}-{key[:8]}", parse_yaml(text)
         path = directory / REQUEST
@@ -171,7 +176,9 @@ class Run:
                     f"the file {path} was edited after the run began: restore the file, or remove the run folder "
                     f"{directory}"
                 )
-            return run
+            if {**run.content, SUBSTITUTIONS: None} != {**content, SUBSTITUTIONS: None}:
+                return run
+            write_text(path, text)  # the same methods, now requested directly or as a replacement
         return cls(directory, content)
 
     @classmethod
@@ -207,6 +214,11 @@ class Run:
     def changes(self, label: str) -> tuple[str, ...]:
         """Return the settings of a method that differ from its preset, "key=value" each."""
         return tuple(self.content.get("changes", {}).get(label, ()))
+
+    def substitution(self, label: str) -> str | None:
+        """Return the method that a method replaces, such as "for loftr"; None if it replaces no other method."""
+        text: str | None = self.content.get(SUBSTITUTIONS, {}).get(label)
+        return text
 
     def data(self) -> ComponentConfig:
         """Return the configuration of the data set. Raises ConfigError, and UnknownName if it is not installed."""
@@ -325,6 +337,11 @@ class Run:
                 copy_log(best / name, folder / name)
         source = None if best is None else str(best.parent.parent)
         write_json(folder / IDENTITY, {"sha256": fingerprint, "source": source})
+
+
+def name_of(directory: Path) -> str:
+    """Return the name of a run from its folder: the name of the folder without the hash at its end."""
+    return directory.name.rpartition("-")[0]
 
 
 def _fingerprint(

@@ -269,7 +269,7 @@ def _record(task: AnyTask, run: Run, label: str, survey: Survey[Any]) -> Record[
     elif rows and all(row is not None and row.status == PieceStatus.INPUT_MISSING for row in rows):
         reason = f"all {len(rows)} {task.counts} lack a required input, the first error: {rows[0] and rows[0].error}"
         outcome = Outcome(MethodStatus.UNAVAILABLE, reason, outcome.input)
-    return Record(label, outcome, rows, run.folder(label), run.changes(label))
+    return Record(label, outcome, rows, run.folder(label), run.changes(label), run.substitution(label))
 
 
 @contextmanager

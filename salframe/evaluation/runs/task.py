@@ -13,7 +13,7 @@ from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.runs.records import Part, Piece, PieceRowT, Record, Surveyed
 from salframe.evaluation.runs.request import Request, Resolved, resolve
 from salframe.evaluation.runs.rows import PieceRow, Row
-from salframe.evaluation.runs.run_folder import ROWS, Run
+from salframe.evaluation.runs.run_folder import ROWS, Run, name_of
 from salframe.evaluation.tables.columns import SEED_RANGE, Column
 from salframe.evaluation.tables.reported import Reported
 from salframe.evaluation.tables.table import Table, draw_table
@@ -126,16 +126,9 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         return [draw_table(cls.select_columns(rows, columns), rows, leading)]
 
     @classmethod
-    def check_columns(cls, names: Sequence[str]) -> None:
-        """Raise ConfigError if one of the names is not a column of the task."""
-        for name in names:
-            if name not in cls.columns:
-                raise ConfigError(unknown("column", name, list(cls.columns)))
-
-    @classmethod
     def select_columns(cls, rows: Sequence[LineT], names: Sequence[str] = ()) -> list[Column[Any]]:
         """Return the columns of these names, or the default columns if there are no names. Raises ConfigError."""
-        cls.check_columns(names)
+        check_columns(names, [cls])
         selected = [cls.columns[name] for name in names or cls.default_columns]
         spread = bool(names) or any(row.by_part for row in rows)
         return [column for column in selected if spread or column is not SEED_RANGE]
@@ -215,6 +208,14 @@ AnyTask = Task[Any, Any, Any, Any]
 """A task with any types of pieces and rows."""
 
 
+def check_columns(names: Sequence[str], tasks: Sequence[type[AnyTask]]) -> None:
+    """Raise ConfigError if one of the names is not a column of any of the tasks."""
+    columns = list(dict.fromkeys(column for task in tasks for column in task.columns))
+    for name in names:
+        if name not in columns:
+            raise ConfigError(unknown("column", name, columns))
+
+
 class ResultBase:
     """Base class of results with a row for each method: whether any method was measured or crashed."""
 
@@ -265,6 +266,11 @@ class Result(ResultBase, Generic[LineT]):
     def where(self) -> str:
         """Path of the report, or of the run folder if there is no report."""
         return f"run: {self.run}" if self.report is None else f"report: {self.report}"
+
+    @property
+    def caption(self) -> str:
+        """The task and the data in words, such as "Localization on house-12"."""
+        return f"{self.task.capitalize()} on {name_of(self.run).removeprefix(self.kind.prefix)}"
 
     def tables(self, columns: Sequence[str] = ()) -> list[Table]:
         """Return the rows as tables, with the columns of these names. Raises ConfigError on an unknown name."""

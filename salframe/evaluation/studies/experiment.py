@@ -12,6 +12,7 @@ from pydantic import Field
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import identity_of
+from salframe.evaluation.runs.task import AnyTask
 from salframe.evaluation.studies.stored import (
     RESULTS_FORMAT,
     StoredTable,
@@ -94,9 +95,14 @@ class TableResult:
     skipped: str | None = None
     fresh: StudyResult | None = None
 
-    def tables(self) -> list[Table]:
-        """Return the stored rows as tables."""
-        shown = [] if self.stored is None else stored_tables(self.study, self.stored, self.study.columns)
+    def tables(self, columns: Sequence[str] = ()) -> list[Table]:
+        """Return the stored rows as tables.
+
+        `columns` are names of columns. Each table shows those that its task has. Without any, it shows the columns that
+        the experiment states.
+        """
+        names = [name for name in columns if name in self.study.kind.columns] or self.study.columns
+        shown = [] if self.stored is None else stored_tables(self.study, self.stored, names)
         shared = f"all rows: {self.study.shared_settings}" if self.study.shared_settings else ""
         return [
             replace(table, title=", ".join(filter(None, (self.study.title, table.title, shared)))) for table in shown
@@ -153,6 +159,12 @@ def read_experiment(name: str | Path) -> Experiment:
                 f"{unknown('column', absent[0], list(table.kind.columns))}"
             )
     return experiment
+
+
+def tasks_of(names: Sequence[str | Path]) -> list[type[AnyTask]]:
+    """Return the classes of the tasks that the tables of experiments measure, each once. Raises as read_experiment."""
+    studies = [study for name in names for study in read_experiment(name).tables.values()]
+    return list(dict.fromkeys(study.kind for study in studies))
 
 
 def run_experiment(

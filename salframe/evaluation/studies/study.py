@@ -14,16 +14,17 @@ from pydantic import ConfigDict, Field, model_validator
 from salframe.evaluation.runs.changes import base_of, hidden_in, with_changes
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.runs.request import Request, Resolved, Variant
+from salframe.evaluation.runs.run_folder import name_of
 from salframe.evaluation.runs.runner import pool, run_task
 from salframe.evaluation.runs.task import RESULT_FORMAT, AnyTask, Result, ResultBase, TaskOptions
 from salframe.evaluation.tables.reported import Reported
 from salframe.evaluation.tables.table import METHOD, Table
 from salframe.evaluation.tasks.all import DEFAULT, find_task
-from salframe.framework.components.presets import settings, short_name
+from salframe.framework.components.presets import SUFFIXES, settings, short_name
 from salframe.framework.components.registry import registry
 from salframe.framework.components.settings import spell_value
 from salframe.framework.config import read_yaml
-from salframe.framework.errors import ConfigError, UnknownName, unknown
+from salframe.framework.errors import ConfigError, UnknownName, unknown, unknown_key
 from salframe.framework.validation import Settings, validate
 from salframe.panoramas.opening import Progress
 
@@ -89,7 +90,7 @@ class Study(Settings):
         known_keys = [*type(self).model_fields, *kind.Options.model_fields]
         absent = [key for key in self.model_extra or {} if key not in known_keys]
         if absent:
-            raise ValueError(f"unknown key {absent[0]} (known keys: {', '.join(known_keys)})")
+            raise ValueError(unknown_key("key", absent[0], known_keys))
         try:
             validate(kind.Options, self.model_extra or {}, "")
         except ConfigError as error:
@@ -198,6 +199,11 @@ class StudyResult(ResultBase):
             return f"report: {self.report}"
         return f"runs: {' '.join(map(str, self.runs))}"
 
+    @property
+    def caption(self) -> str:
+        """The task and the name of the study in words, such as "Localization: study keep"."""
+        return f"{self.task.capitalize()}: study {name_of(self.runs[0])}"
+
     def tables(self, columns: Sequence[str] = ()) -> list[Table]:
         """Return the rows as tables: a column for each varied setting, then the columns of these names."""
         return self.kind.tables(self.rows, columns, leading_columns(self.kind, self.rows, self.settings))
@@ -232,13 +238,20 @@ def leading_columns(
     of_data = {key: texts for key, texts in texts_by_key.items() if key in names or key.startswith(f"{DATA}.")}
     of_method = {key: texts for key, texts in texts_by_key.items() if key not in of_data}
     changes = [hidden_in(row.changes, shared or {}) for row in rows]
-    methods = {METHOD: [with_changes(base_of(row.method), one) for row, one in zip(rows, changes, strict=True)]}
+    methods = {
+        METHOD: [
+            with_changes(base_of(row.method), one, row.substitution) for row, one in zip(rows, changes, strict=True)
+        ]
+    }
     return {**{CONDITION if key == ARM else key: texts for key, texts in of_data.items()}, **methods, **of_method}
 
 
 def read_study(file: Path) -> Study:
-    """Read the file of a study, or an ablation that a plugin ships, by name. Raises ConfigError."""
+    """Read the file of a study, or an ablation that a plugin ships, by name. Raises ConfigError, UnknownName."""
     shipped = None if file.exists() else registry().find_preset("ablations", str(file))
+    if shipped is None and not file.exists() and file.suffix not in SUFFIXES:
+        names = list(registry().list_presets("ablations"))
+        raise UnknownName(f"{unknown('ablation', str(file), names)} A path of a YAML file is accepted too.")
     return validate(Study, read_yaml(shipped or file), f"{file}:")
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from pydantic import Field, model_validator
 
 from salframe.evaluation.tables.table import Table
@@ -55,11 +53,6 @@ def read_reported() -> tuple[Reported, ...]:
     presets = registry()
     paths = [presets.find_preset("reported", name) for name in presets.list_presets("reported")]
     return tuple(validate(Reported, read_yaml(path), f"{path.name}:") for path in paths if path is not None)
-
-
-def reported_tables(papers: Sequence[Reported]) -> list[Table]:
-    """Return the tables published in papers, in order."""
-    return [reported_table(part) for paper in papers for part in paper.tables]
 
 
 def reported_table(part: ReportedTable) -> Table:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from salframe.evaluation.tables.columns import Column, RowT, TableRow
+from salframe.evaluation.tables.columns import INPUT, Column, RowT, TableRow
 from salframe.evaluation.tables.text import NONE
 
 METHOD = "method"
@@ -117,6 +117,20 @@ def split_table(table: Table, fits: Callable[[Table], bool]) -> list[Table]:
             selected.append(j)
         parts += [_select_columns(table, [*left, *selected])] if selected else []
     return parts
+
+
+def narrow_table(table: Table, max_columns: int) -> tuple[Table, list[str]]:
+    """Return a table with at most `max_columns` columns, and the headings of the columns that were left out.
+
+    The columns that name the rows and at least one other column stay. The column of inputs is left out first, then the
+    columns at the right.
+    """
+    columns = range(table.leading, len(table.headings))
+    if len(table.headings) <= max_columns:
+        return table, []
+    measured = [j for j in columns if table.headings[j] != INPUT.heading]
+    kept = [*range(table.leading), *measured[: max(max_columns - table.leading, 1)]]
+    return _select_columns(table, kept), [table.headings[j] for j in columns if j not in kept]
 
 
 def _select_columns(table: Table, selected: Sequence[int]) -> Table:

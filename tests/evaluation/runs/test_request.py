@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import html
+import io
 from pathlib import Path
 
 import pytest
@@ -143,6 +145,32 @@ def test_a_stand_in_is_told_in_the_table_in_json_and_in_the_report(stand_ins):
     assert note in html.unescape(Path(given["report"]).read_text())
 
 
+@pytest.mark.parametrize("style", ["table", "md", "latex", "csv"])
+def test_every_table_names_the_method_that_a_stand_in_replaces(stand_ins, style):
+    arguments = ("compare", "--methods", "fancy", "--data", "rooms", "--engine", "inline", "--format", style)
+    printed = salframe(*arguments).out
+    if style == "csv":
+        (row,) = csv.DictReader(io.StringIO(printed))
+        assert (row["method"], row["substitution"]) == ("plain", "for fancy")
+    else:
+        assert "plain (for fancy)" in printed
+
+
+def test_the_report_names_the_method_that_a_stand_in_replaces(stand_ins, read):
+    result = compare(request("fancy"))
+    assert [(row.method, row.title) for row in result.rows] == [("plain", "plain (for fancy)")]
+    content, _ = read(result.report)
+    assert [(arm["name"], arm["label"]) for arm in content["arms"]] == [("plain (for fancy)", "plain")]
+    assert content["tables"]["usual"][0]["rows"][0][0] == "plain (for fancy)"
+
+
+def test_a_method_requested_directly_replaces_none_in_the_same_run_folder(stand_ins):
+    titles = [(result.run, result.rows[0].title) for result in map(compare, map(request, ("fancy", "plain", "fancy")))]
+    runs, names = zip(*titles, strict=True)
+    assert len(set(runs)) == 1
+    assert names == ("plain (for fancy)", "plain", "plain (for fancy)")
+
+
 def test_a_stand_in_is_ablated(stand_ins):
     Path("offsets.yaml").write_text(yaml.safe_dump({"method": "fancy", "data": "rooms", "vary": {"offset": [0, 1]}}))
     result = ablate(Path("offsets.yaml"), Request((), engine="inline"))
@@ -158,6 +186,10 @@ def test_methods_that_users_named_keep_their_names_where_another_stands_in(stand
     Path("named.yaml").write_text(yaml.safe_dump(study, sort_keys=False))
     result = ablate(Path("named.yaml"), Request((), engine="inline"))
     assert [row.method for row in result.rows] == ["one[one.offset=0]", "one[one.offset=1]", "other", "mine"]
+    (table,) = result.tables()
+    names = [row[0] for row in table.rows]
+    assert names[0] == "one (plain for fancy)"
+    assert names[2:] == ["other (plain for fancy)", "mine"]
     assert [dict(given) for given in result.settings] == [{"one.offset": 0}, {"one.offset": 1}, {}, {}]
     assert result.notes == (f"plain is used instead of fancy: {MISSING}",)
 
@@ -180,6 +212,7 @@ def test_a_stand_in_walks(apartment, presets):
     asked = request("fancy", data="apartment")
     result = navigate(asked, episodes=2, positioning=Positioning.BOTH)
     assert [row.method for row in result.rows] == ["plain", "plain without positioning"]
+    assert [row.title for row in result.rows] == ["plain (for fancy)", "plain without positioning (for fancy)"]
     assert result.rows[0].success_rate.value == 1.0
     note = f"plain is used instead of fancy: {MISSING}"
     assert result.notes == (note,)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -203,7 +204,7 @@ def test_the_command_prints_measured_and_reported_apart(rooms):
         ("md", "**Which room**\n\n| method |", "| right | **100.0 (68-100)** | ", "**reported, not measured: Rooms"),
         (
             "latex",
-            "\\begin{table}\n\\centering\n\\small\n\\caption{Which room}\n\\label{tab:which-room}",
+            "\\begin{table}\n\\centering\n\\small\n\\caption{Which room}\n\\label{tab:rooms-which-room}",
             "right & \\textbf{100.0 (68-100)} & ",
             "\\caption{reported, not measured: Rooms",
         ),
@@ -216,6 +217,24 @@ def test_the_command_prints_what_papers_take(rooms, style, first, row, last):
     assert done.out.startswith(first)
     assert row in done.out
     assert last in done.out.partition(row)[2]
+
+
+def test_the_latex_labels_of_tables_with_one_title_differ(rooms):
+    options = ("--engine", "inline", "--results", "results", "--format", "latex")
+    done = run("experiment", str(write(first=ROOMS, second=ROOMS)), *options)
+    first, second, *_ = re.findall(r"\\label{(.*?)}", done.out)
+    assert (first, second) == ("tab:rooms-which-room", "tab:rooms-which-room-2")
+
+
+def test_columns_of_an_experiment_are_listed_and_selected(rooms):
+    listed = run("experiment", str(write(first=ROOMS)), "--columns", "help")
+    assert (listed.code, Path("runs").exists()) == (0, False)
+    assert "pose recall % .25/.5/1 m" in listed.out
+    refused = run("experiment", "rooms.yaml", "--columns", "acuracy")
+    assert refused.err.startswith("error: unknown column 'acuracy', did you mean 'accuracy'?")
+    options = ("--engine", "inline", "--results", "results", "--format", "md")
+    shown = run("experiment", "rooms.yaml", "--columns", "macro_recall,accuracy", *options).out
+    assert "| method | macro recall % | accuracy % (95 % CI) |" in shown
 
 
 def test_the_command_lists_experiments():

@@ -247,4 +247,9 @@ def plan_navigation(
         task_episodes = episodes if isinstance(episodes, int) else read_episode_requests(Path(episodes))
     task = NavigationTask(validate(NavigationConfig, content, "navigation"), task_episodes, request.seed, published)
     changes = {arm: resolved.changes[label] for arm, label in arms.items() if label in resolved.changes}
-    return task, replace(resolved, methods=methods, requested_as=requested_as, changes=changes)
+    substitutions = {
+        arm: resolved.substitutions[label] for arm, label in arms.items() if label in resolved.substitutions
+    }
+    return task, replace(
+        resolved, methods=methods, requested_as=requested_as, changes=changes, substitutions=substitutions
+    )
