@@ -18,7 +18,7 @@ FOLDERS = ("salframe", "plugins", "baselines", "configs", "docs", "examples")
 PAGES = (".js", ".css", ".html", ".jinja")
 """Suffixes of files of web pages."""
 IDENTIFIERS = re.compile(
-    r"(.*_)?(asked|found|told|kept|given|seen|not_here)(_.*)?"  # a part of a name: GIVEN, is_kept, _check_found
+    r"(.*_)?(asked|found|told|kept|given|seen|denied|not_here)(_.*)?"  # a part of a name: GIVEN, is_kept, _check_found
     r"|_?(own|least|most|largest|longest)_.+"  # the first part
     r"|_?(keep|least|most|known_by|known_as)",  # the whole name
     re.IGNORECASE,
