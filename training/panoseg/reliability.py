@@ -76,11 +76,11 @@ def main(
         raise SystemExit(f"error: {error}") from None
     for name, scores in (("without", plain), ("with", [apply(of_query, slope, offset) for of_query in plain])):
         gap = calibration_error(np.concatenate(scores), np.concatenate(right))
-        print(f"{name} calibration: calibration error {gap:.3f}, Brier score {brier(scores, right):.3f}")
+        print(f"{name} calibration: calibration error {gap * 100:.1f} %, Brier score {brier(scores, right):.3f}")
         for row in curve(scores, right):
-            interval = f"{row['low']:.2f} to {row['high']:.2f}"
+            interval = f"{row['low'] * 100:.0f} to {row['high'] * 100:.0f} %"
             print(
-                f"  mean score {row['score']:.2f}: share correct {row['named']:.2f} ({interval}), "
+                f"  mean score {row['score'] * 100:.0f} %: {row['named'] * 100:.0f} % correct ({interval}), "
                 f"{row['objects']} objects"
             )
 

@@ -11,7 +11,7 @@ from salframe.framework.validation import Settings, validate
 
 
 class ReportedTable(Settings):
-    """One table of a paper, as printed.
+    """One table of a paper, with shares as percent.
 
     Attributes:
         title: Title of the table.
@@ -40,7 +40,7 @@ class Reported(Settings):
     Attributes:
         source: Authors and title of the paper.
         note: What the paper measured, and whether its numbers can be compared with measured results.
-        tables: The tables, as printed in the paper.
+        tables: The tables of the paper, with shares as percent.
     """
 
     source: str

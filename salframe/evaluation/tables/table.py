@@ -129,8 +129,8 @@ def narrow_table(table: Table, max_columns: int) -> tuple[Table, list[str]]:
     if len(table.headings) <= max_columns:
         return table, []
     measured = [j for j in columns if table.headings[j] != INPUT.heading]
-    fitting = [*range(table.leading), *measured[: max(max_columns - table.leading, 1)]]
-    return _select_columns(table, fitting), [table.headings[j] for j in columns if j not in fitting]
+    selected = [*range(table.leading), *measured[: max(max_columns - table.leading, 1)]]
+    return _select_columns(table, selected), [table.headings[j] for j in columns if j not in selected]
 
 
 def _select_columns(table: Table, selected: Sequence[int]) -> Table:

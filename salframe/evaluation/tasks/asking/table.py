@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
-from salframe.evaluation.tables.columns import INPUT, Column, number_column, rate_column, share_column
+from salframe.evaluation.tables.columns import INPUT, Column, rate_column, share_column
 
 TOP = 5
 """Number of the best places that may contain the true place."""
@@ -59,6 +59,6 @@ COLUMNS: dict[str, Column[AskingRow]] = {
     "top5_counts": rate_column("R@5 %, labels\nand numbers", lambda row: row.top5_counts),
     "top5_labels": rate_column("R@5 %,\nlabels alone", lambda row: row.top5_labels),
     "chance5": share_column("R@5 %,\nchance", lambda row: row.chance5),
-    "probability": number_column("mean\nprobability", lambda row: row.probability, 2),
+    "probability": share_column("mean\nprobability %", lambda row: row.probability),
 }
 DEFAULT_COLUMNS = tuple(COLUMNS)

@@ -99,11 +99,7 @@ COLUMNS: dict[str, Column[TrackingRow]] = {
     "heading": number_column("heading error\ndegrees", lambda row: row.heading_deg, 1),
     "recovered": rate_column("recovered within\n8 views % (95 % CI)", lambda row: row.recovered),
     "right_later": rate_column("correct 8 views later\n% (95 % CI)", lambda row: row.right_later),
-    "roc_area": Column(
-        "other building\nROC area (95 % CI)",
-        lambda row: _metres(row.roc_area),
-        lambda row: None if row.roc_area is None else row.roc_area.value,
-    ),
+    "roc_area": rate_column("other building\nROC area % (95 % CI)", lambda row: row.roc_area),
     "tracking": rate_column("tracking %\n(95 % CI)", lambda row: row.tracking),
     "tracking_elsewhere": replace(_ELSEWHERE, largest=False),
     "nees": number_column("NEES", lambda row: row.nees, 1),
