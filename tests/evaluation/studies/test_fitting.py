@@ -94,7 +94,10 @@ def test_runs_with_hidden_places_have_another_fingerprint_and_share_descriptions
             "the output file is out.txt, expected a file name that ends in .yaml or .yml",
         ),
         (("plain", "--data", "rooms", "-o", "out.yaml"), "unknown method 'plain'"),
-        (("reader", "--data", "rooms", "--set", "data.rooms=1", "-o", "out.yaml"), "0 answers to queries from places outside of the map"),
+        (
+            ("reader", "--data", "rooms", "--set", "data.rooms=1", "-o", "out.yaml"),
+            "0 answers to queries from places outside of the map",
+        ),
         (("ranger", "--data", "rooms", "-o", "out.yaml"), "needs range images, which the dataset rooms does not have"),
     ],
 )
