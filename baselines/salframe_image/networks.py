@@ -136,7 +136,7 @@ class OwnNetwork(OnnxImageNetwork):
         """See OnnxImageNetwork."""
         if config.model is None or not config.model.is_file():
             received = "the setting model is null" if config.model is None else f"{config.model} is not a file"
-            raise WeightsError(f"{received}, expected the path of the ONNX file of an image network")
+            raise WeightsError(f"{received}, expected the path of the ONNX file of an image network", "model=PATH")
         return config.model
 
     def outputs(self) -> tuple[str, ...]:

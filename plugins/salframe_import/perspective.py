@@ -93,7 +93,7 @@ class PerspectiveImporter(Importer):
         pose_convention: PoseConvention = Field(
             "opengl-z-up",
             description="convention of transform_matrix: the axes of world and camera, and the direction of the "
-            "transformation; docs/reference/folder-format.md#poses explains each value. nerfstudio uses opengl-z-up",
+            "transformation; `salframe docs folder-format` explains each value. nerfstudio uses opengl-z-up",
         )
         position_unit_m: PositiveFloat = Field(
             1.0, description="length (m) of one unit of the positions (0.001: the positions are in millimetres)"

@@ -30,7 +30,7 @@ class PoseSettings(ComponentConfig):
     pose_convention: PoseConvention = Field(
         "ros",
         description="convention of the poses: the axes of world and camera, and the direction of the transformation; "
-        "docs/reference/folder-format.md#poses explains each value",
+        "`salframe docs folder-format` explains each value",
     )
     position_unit_m: PositiveFloat = Field(
         1.0, description="length (m) of one unit of the positions (0.001: the positions are in millimetres)"

@@ -93,7 +93,7 @@ class TumImporter(Importer):
         pose_convention: PoseConvention = Field(
             "opencv",
             description="convention of the poses in groundtruth.txt: the axes of world and camera, and the direction "
-            "of the transformation; docs/reference/folder-format.md#poses explains each value. The benchmark uses "
+            "of the transformation; `salframe docs folder-format` explains each value. The benchmark uses "
             "opencv",
         )
         depth_unit_m: PositiveFloat = Field(

@@ -12,9 +12,9 @@ app = typer.Typer(help="Show or clear the cache of what methods computed.", no_a
 
 @app.command()
 def info(as_json: Json = False) -> None:
-    """Show the folder, the number of entries, the size and the size limit of the cache.
+    """Show the folder, size and size limit of the cache.
 
-    The environment variable SALFRAME_CACHE_GB changes the limit.
+    Also shows the number of entries. The environment variable SALFRAME_CACHE_GB changes the limit.
     """
     from dataclasses import asdict
 

@@ -38,9 +38,10 @@ def list_(as_json: Json = False) -> None:
 
 @app.command()
 def info(data: DataArgument, data_dir: DataDir = None, overrides: SetForData = None, as_json: Json = False) -> None:
-    """Check a dataset, and count its reference frames, queries and places.
+    """Check a dataset, and count its frames, queries and places.
 
-    Reference frames are panoramas for maps. Queries are views to localize. Renders the dataset first if necessary.
+    Frames are reference frames, the panoramas for maps. Queries are views to localize. Renders the dataset first if
+    necessary.
     """
     from contextlib import suppress
 
@@ -86,11 +87,11 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: SetForData = N
 
 @app.command()
 def labels(data: DataArgument, data_dir: DataDir = None, overrides: SetForData = None, as_json: Json = False) -> None:
-    """List the labels of the annotated objects of a dataset, with the number of objects of each label.
+    """List the object labels of a dataset, and count the objects.
 
-    The vocabulary is the list of labels and synonyms that salframe knows. Methods compare labels by their names in the
-    vocabulary. A label that is not in the vocabulary is listed with the most similar names. The exit status is 1 if a
-    panorama cannot be read.
+    Lists each label of the annotated objects with the number of its objects. The vocabulary is the list of labels
+    and synonyms that salframe knows. Methods compare labels by their names in the vocabulary. A label that is not
+    in the vocabulary is listed with the most similar names. The exit status is 1 if a panorama cannot be read.
     """
     from collections import Counter
     from dataclasses import asdict
@@ -139,10 +140,10 @@ def render(
     engine: EngineName = ENGINE,
     workers: Workers = None,
 ) -> None:
-    """Prepare the images of a dataset before other commands need them: render them, or list their files in an index.
+    """Render or index the images of a dataset in advance.
 
-    Without this command, the images are rendered or indexed by the first command that uses the dataset. Run the same
-    command again to resume an interrupted run.
+    An index is a list of the image files. Without this command, the images are rendered or indexed by the first
+    command that uses the dataset. Run the same command again to resume an interrupted run.
     """
     from salframe.cli.output import Bars
     from salframe.panoramas.opening import find_dataset

@@ -119,9 +119,10 @@ def merge(
 
 @app.command()
 def calibrate(map: AnyMap, as_json: Json = False) -> None:
-    """Calibrate the probabilities of answers with the reference frames of a map.
+    """Calibrate the probabilities of answers in a map.
 
-    `salframe build` also calibrates the map. Each change of a calibrated map calibrates it again.
+    The calibration uses the reference frames (panoramas of the map). `salframe build` also calibrates the map. Each
+    change of a calibrated map calibrates it again.
     """
     from salframe.cli.calibration import describe_calibration
     from salframe.topology.map_changes import calibrate_map
@@ -155,9 +156,10 @@ def connect(
         ),
     ] = None,
 ) -> None:
-    """Connect floors of a map by stairs or a lift, for routes from one floor to another.
+    """Connect floors of a map by stairs or a lift.
 
-    Set FROM, TO and --length for one connection, or --file for several connections.
+    Routes can then lead from one floor to another. Set FROM, TO and --length for one connection, or --file for
+    several connections.
     """
     from salframe.framework.errors import ConfigError
     from salframe.framework.validation import validate
@@ -189,9 +191,10 @@ def show(
         ),
     ] = None,
 ) -> None:
-    """Draw a map with its floor, rooms, nodes and edges, and print its calibration.
+    """Draw a map and print its calibration.
 
-    Nodes are positions in rooms and doorways. Edges connect nodes, and are labelled with lengths and azimuths.
+    The picture shows the floor, rooms, nodes and edges. Nodes are positions in rooms and doorways. Edges connect
+    nodes, and are labelled with lengths and azimuths.
     """
     from salframe.cli.calibration import describe_calibration
     from salframe.drawing.floor_picture import draw_topology
@@ -223,9 +226,10 @@ def route(
     heading: Heading = None,
     as_json: Json = False,
 ) -> None:
-    """Print the shortest route between two nodes, places or signs (texts on walls).
+    """Print the shortest route between nodes, places or signs.
 
-    Nodes are positions in rooms and doorways. Each step of the route has its length, azimuth and turn.
+    Nodes are positions in rooms and doorways. Places are rooms and doorways. Signs are texts on walls. Each step of
+    the route has its length, azimuth and turn.
     """
     import numpy as np
 

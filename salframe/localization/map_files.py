@@ -321,8 +321,9 @@ def _read_manifest(directory: Path) -> _MapManifest:
     if not path.exists():
         raise DataError(f"{directory} contains no map: build one with salframe build DATA -o {directory}")
     content = read_json(path)
-    if isinstance(content, Mapping) and content.get("format", MAP_FORMAT) != MAP_FORMAT:
-        raise DataError(f"{directory} has map format {content['format']}, expected {MAP_FORMAT}: build the map again")
+    if isinstance(content, Mapping) and content.get("format") != MAP_FORMAT:
+        received = f"has map format {content['format']}" if "format" in content else f"has no `format` in {MAP}"
+        raise DataError(f"{directory} {received}, expected {MAP_FORMAT}: build the map again")
     return read_model(path, _MapManifest)
 
 

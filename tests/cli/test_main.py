@@ -194,6 +194,17 @@ def test_every_command_says_that_it_was_interrupted(ending, command):
     assert done.err == "interrupted: finished work is stored; run the same command again to resume\n"
 
 
+def test_the_summaries_of_subcommands_fit_one_line_of_80_columns():
+    group = typer.main.get_command(app)
+    commands = [group.get_command(None, name) for name in group.list_commands(None)]
+    groups = [command.commands for command in commands if hasattr(command, "commands")]
+    assert len(groups) == 4
+    for subcommands in groups:
+        frame = max(map(len, subcommands)) + 6  # the names, a gap of 2, and the frame with its margin on both sides
+        long = [name for name, one in subcommands.items() if frame + len(one.help.partition("\n")[0]) > 79]
+        assert long == []
+
+
 def test_the_paragraphs_of_help_have_no_line_breaks_of_their_own():
     """Typer prints a line break inside a paragraph, and terminals have other widths than the source."""
     group = typer.main.get_command(app)

@@ -184,8 +184,9 @@ def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
 
 
 def test_without_a_file_the_users_own_network_says_what_it_wants(tmp_path):
-    with pytest.raises(WeightsError, match="the setting model is null, expected the path of the ONNX file"):
+    with pytest.raises(WeightsError, match="the setting model is null, expected the path of the ONNX file") as caught:
         ImageFeatures(ImageFeatures.Config(network="onnx"))
+    assert caught.value.remedy == "model=PATH"
     with pytest.raises(
         WeightsError, match=r"none\.onnx is not a file, expected the path of the ONNX file of an image network"
     ):

@@ -99,6 +99,10 @@ def test_parts_of_two_maps_are_refused(tmp_path):
         ("[]", r"map\.json contains a list, expected a JSON object"),
         ("{", r"map\.json is not JSON"),
         (json.dumps({"format": MAP_FORMAT}), r"map\.json: the required key parts is missing"),
+        (
+            json.dumps({"parts": "parts-0123456789abcdef", "sha256": {}}),
+            r"has no `format` in map\.json, expected 8: build",
+        ),
         (json.dumps({"format": 2}), r"has map format 2, expected 8: build the map again"),
         (json.dumps({"format": MAP_FORMAT, "parts": "../elsewhere", "sha256": {}}), r"map\.json: key parts: received"),
     ],
