@@ -40,7 +40,7 @@ def list_(as_json: Json = False) -> None:
 def info(data: DataArgument, data_dir: DataDir = None, overrides: SetForData = None, as_json: Json = False) -> None:
     """Check a dataset, and count its frames, queries and places.
 
-    Frames are reference frames, the panoramas for maps. Queries are views to localize. Renders the dataset first if
+    Counts the reference frames (panoramas for maps) and the queries (views to localize). Renders the dataset first if
     necessary.
     """
     from contextlib import suppress

@@ -210,18 +210,13 @@ def test_a_full_standard_output_is_one_line(fakes, asked):
     assert done.stderr == "error: cannot use the standard output: No space left on device\n"
 
 
-@pytest.mark.parametrize("is_unbuffered", [False, True])
 @pytest.mark.parametrize(
     "arguments",
     [
-        *(
-            ("--help",),
-            ("evaluate", "--help"),
-            ("methods",),
-            ("plugins", "--json"),
-            ("show", "reader"),
-            ("data", "list"),
-        ),
+        ("evaluate", "--help"),
+        ("methods",),
+        ("plugins", "--json"),
+        ("data", "list"),
         ("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline"),
     ],
     ids=" ".join,
