@@ -163,7 +163,7 @@ def test_show_lists_settings_with_values_types_and_help():
     assert shown["matcher.min_candidate_ratio"]["type"] == "float, at least 0, at most 1"
     assert shown["matcher.min_candidate_ratio"]["help"]
     assert (shown["detector"]["value"], shown["detector"]["default"]) == ("auto", "auto")
-    assert "annotations, segments, panoseg" in shown["detector"]["help"]
+    assert "`annotations`, `segments`, `panoseg`" in shown["detector"]["help"]
     assert [shown[slot]["type"] for slot in ("detector", "matcher")] == ["detector", "matcher"]
     printed = run("show", "paper").out
     assert "a preset of saliency-graph" in printed

@@ -219,7 +219,7 @@ def test_leave_out_takes_the_nearest_of_the_region_out_too(building):
         "fake/v2": ["fake/v0", "fake/v3", "fake/c"],
         "fake/v3": ["fake/v0", "fake/v1", "fake/c"],
     }
-    with pytest.raises(DataError, match=r"3 visible objects or more, in a region with at least 4 other viewpoints"):
+    with pytest.raises(DataError, match=r"at least 3 visible objects, in a region with at least 4 other viewpoints"):
         opened(row, leave_out=4).folds()
     with pytest.raises(ConfigError, match=r"data\.leave_out: received 0, expected"):
         validate(MatterportAnnotations.Config, {"leave_out": 0}, "data")

@@ -102,7 +102,7 @@ def test_methods_by_name_have_settings_of_their_own(fakes):
 
 def test_a_shipped_ablation_is_read_by_its_name():
     assert read_study(Path("positioners")).vary["positioner"] == ("robust", "least-squares", None)
-    with pytest.raises(ConfigError, match="cannot read the file position"):
+    with pytest.raises(ConfigError, match="unknown ablation .position., did you mean .positioners."):
         read_study(Path("position"))
 
 
