@@ -12,7 +12,7 @@ from salframe.evaluation.runs.runner import pool
 from salframe.evaluation.studies.study import ablate, read_study
 from salframe.evaluation.tasks.localization.task import LocalizationTask
 from salframe.framework.config import read_yaml
-from salframe.framework.errors import ConfigError
+from salframe.framework.errors import ConfigError, UnknownName
 
 INLINE = Request((), engine="inline")
 
@@ -102,7 +102,7 @@ def test_methods_by_name_have_settings_of_their_own(fakes):
 
 def test_a_shipped_ablation_is_read_by_its_name():
     assert read_study(Path("positioners")).vary["positioner"] == ("robust", "least-squares", None)
-    with pytest.raises(ConfigError, match="unknown ablation .position., did you mean .positioners."):
+    with pytest.raises(UnknownName, match="unknown ablation 'position', did you mean 'positioners'"):
         read_study(Path("position"))
 
 
