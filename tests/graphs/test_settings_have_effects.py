@@ -92,7 +92,7 @@ CHANGES = {
     "posterior.head.mean_effect": (1.0, {}),
     "posterior.head.deviation_effect": (1.0, {}),
     "posterior.head.bias_effect": (1.0, {}),
-    "posterior.head.min_log_ratio": (-0.5, {"posterior.calibrate": False}),  # a calibration replaces it
+    "posterior.head.min_log_ratio": (-0.5, {"posterior": {"calibrate": False}}),  # a calibration replaces it
     "posterior.head.accuracy_effect": (5.0, {}),
     "posterior.max_out_of_map_probability": (0.0001, {}),
     "posterior.calibrate": (False, {}),
