@@ -300,7 +300,8 @@ def read_split(split: str, root: Path) -> dict[str, ReverieEpisode]:
 
 
 def task_of(name: str) -> str:
-    """Return the task of an instr_id: the part that is equal for all instructions to one object along one path."""
+    """Return the task of an instr_id: the part of the id that is the same for all instructions that lead to the same
+    object along the same path."""
     return name.rpartition("_")[0]
 
 
