@@ -6,6 +6,7 @@ import numpy as np
 
 from salframe.framework.component import ComponentConfig
 from salframe.localization.answers import Localization
+from salframe.localization.hidden_frames import FrameAnswers
 from salframe.localization.localizer import Localizer, posterior_slot
 from salframe.localization.map import LocalizationMap
 from salframe.localization.posterior import Head, Posterior
@@ -32,7 +33,7 @@ class Spy(Localizer):
         self.matches: list[tuple[float, list[str]]] = []
 
     def describe(self, panorama):
-        raise NotImplementedError
+        raise AssertionError("the map is made from descriptions, so nothing is described")
 
     def index(self, descriptions, frames):
         self.frames, self.values = frames, np.array([float(d["value"][0]) for d in descriptions])
@@ -58,3 +59,15 @@ def spied_map(frames_of, calibrate=True, changes=None):
     settings = {**POSTERIOR.model_dump(), "max_out_of_map_probability": 1.0, **(changes or {})}
     localizer = Spy(Spy.Config(posterior=settings))
     return LocalizationMap.from_descriptions(localizer, descriptions, frames, calibrate=calibrate)
+
+
+def drawn(count, seed, mean, deviation, accuracy, distance_m=1.0, places=50):
+    """Answers whose contrasts are drawn from the model of the head, with its slope of 2."""
+    rng = np.random.default_rng(seed)
+    right = rng.uniform(size=count) < accuracy
+    z = np.concatenate([rng.standard_normal(count) + 2 * right, rng.standard_normal(count)])
+    is_absent = np.repeat([False, True], count)
+    distance = np.where(is_absent, np.nan, distance_m)
+    right = np.concatenate([right, np.zeros(count, bool)])
+    place = np.tile(np.arange(count) % places, 2)
+    return FrameAnswers(mean + deviation * z, np.zeros(2 * count, int), right, is_absent, distance, place)

@@ -10,13 +10,12 @@ import pytest
 from command_line import run
 from scipy.special import expit
 from scipy.stats import norm
-from spied_map import HEAD, POSTERIOR, Spy, spied_map
+from spied_map import HEAD, POSTERIOR, Spy, drawn, spied_map
 
 import salframe
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
-from salframe.framework.errors import ConfigError, DataError
-from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
+from salframe.framework.errors import DataError
 from salframe.localization.calibration import (
     ABSENT_PRIOR,
     ACCURACY_PRIOR,
@@ -24,26 +23,12 @@ from salframe.localization.calibration import (
     DISTANCE_EXPONENT,
     DISTANCE_SPREAD,
     OTHER_CALIBRATION,
-    REJECTION_PRIOR,
-    MapCalibration,
     calibrate_head,
 )
 from salframe.localization.hidden_frames import FrameAnswers
 from salframe.localization.map import LocalizationMap
 from salframe.localization.posterior import EvidenceTerm
 from salframe.panoramas.frames import ReferenceFrame
-
-
-def drawn(count, seed, mean, deviation, accuracy, distance_m=1.0, places=50):
-    """Answers whose contrasts are drawn from the model of the head, with its slope of 2."""
-    rng = np.random.default_rng(seed)
-    right = rng.uniform(size=count) < accuracy
-    z = np.concatenate([rng.standard_normal(count) + 2 * right, rng.standard_normal(count)])
-    is_absent = np.repeat([False, True], count)
-    distance = np.where(is_absent, np.nan, distance_m)
-    right = np.concatenate([right, np.zeros(count, bool)])
-    place = np.tile(np.arange(count) % places, 2)
-    return FrameAnswers(mean + deviation * z, np.zeros(2 * count, int), right, is_absent, distance, place)
 
 
 def test_mean_and_deviation_are_averaged_with_those_of_the_posterior():
@@ -170,56 +155,6 @@ def test_small_maps_have_probabilities(places, count):
     assert total == pytest.approx(1)
     assert 0 < answer.out_of_map_probability < 1
     assert answer.accepted is (answer.out_of_map_probability <= 0.5)
-
-
-def test_the_conformal_test_accepts_at_most_its_share_of_out_of_map_queries():
-    """Probabilities of frames and queries from one distribution: the mean share over many maps of 39 frames is
-    floor(40 level) / 40, by exchangeability."""
-    rng = np.random.default_rng(0)
-    for level in (0.05, 0.1, 0.26):
-        accepted = []
-        for _ in range(300):
-            known = tuple(np.sort(rng.beta(4, 2, 39)).tolist())
-            queries = 1 - rng.beta(4, 2, 200)
-            made = MapCalibration(head=HEAD, present_frames=0, absent_in_map=known)
-            limit = made.max_out_of_map_probability(level)
-            if limit < 0.5:
-                accepted.append((queries <= limit).mean())
-            else:
-                accepted.append(np.nan)
-        share = np.nanmean(accepted)
-        assert share <= level + 0.01
-        if not np.isnan(accepted).any():
-            assert share == pytest.approx(np.floor(40 * level) / 40, abs=0.01)
-
-
-def test_the_conformal_test_needs_enough_frames():
-    made = MapCalibration(head=HEAD, present_frames=0, absent_in_map=tuple(np.linspace(0, 0.9, 19).tolist()))
-    with pytest.raises(
-        DataError, match=r"max_false_accept is 0.05, which needs at least 20 calibration frames .*, but the map has 19"
-    ):
-        made.max_out_of_map_probability(0.05)
-    assert made.max_out_of_map_probability(0.06) <= 0.5
-    small = spied_map([1, 1, 1])
-    with pytest.raises(DataError, match="the map has 3"):
-        small.require_false_accept(0.1)
-    bare = spied_map([1, 1, 1], calibrate=False)
-    with pytest.raises(DataError, match="the map is not calibrated"):
-        bare.require_false_accept(0.5)
-    with pytest.raises(ConfigError, match="max_false_accept: received 2"):
-        small.require_false_accept(2)
-
-
-def test_an_answer_that_fails_the_conformal_test_is_not_accepted():
-    found = spied_map([4] * 10)
-    answer = found.answer({"value": np.array([2.5])})
-    assert answer.accepted is True
-    found.require_false_accept(0.1)
-    known = np.array(found.calibration.absent_in_map)
-    for value in np.linspace(0, 100, 41):
-        answer = found.answer({"value": np.array([value])})
-        rank = (1 + (known >= 1 - answer.out_of_map_probability).sum()) / (1 + len(known))
-        assert answer.accepted is bool(rank <= 0.1 and answer.out_of_map_probability <= 0.5)
 
 
 def test_a_saved_map_keeps_its_calibration_and_a_changed_map_is_calibrated_again(tmp_path):
@@ -360,43 +295,3 @@ def test_compare_measures_probabilities_and_accepted_answers(fakes):
     assert row.brier_score == pytest.approx(np.mean((in_map - present) ** 2))
     assert row.right_not_accepted.value == pytest.approx(np.mean(~accepted[present]))  # all of them are right
     assert row.absent_accepted.value == pytest.approx(np.mean(accepted[~present]))
-
-
-def test_the_minimum_log_ratio_rejects_a_twentieth_of_the_right_frames():
-    """The 5 % quantile of numpy, averaged with ten zeros, where it is between 0 and -ln 2."""
-    for shift, count in ((0.0, 40), (0.8, 40), (0.9, 400), (1.2, 400)):
-        answers = drawn(count, 5, 2.0, 1.0, 0.9)
-        answers = dataclasses.replace(answers, contrast=answers.contrast + shift * answers.is_right)
-        head = calibrate_head(POSTERIOR, answers)
-        right = answers.take(answers.is_right)
-        quantile = np.quantile(right.log_ratio(head), 0.05, method="inverted_cdf")
-        n = len(right.contrast)
-        assert head.min_log_ratio == pytest.approx(np.clip(n * quantile / (n + REJECTION_PRIOR), -np.log(2), 0))
-        accepted = right.in_map(head) >= head.min_in_map(right.objects)
-        np.testing.assert_array_equal(accepted, right.log_ratio(head) >= head.min_log_ratio)
-
-
-def test_the_minimum_log_ratio_is_zero_without_frames_like_queries():
-    easy = drawn(200, 3, 2.0, 1.0, 0.9)
-    easy = dataclasses.replace(easy, contrast=easy.contrast + 20.0 * easy.is_right)
-    assert calibrate_head(POSTERIOR, easy).min_log_ratio == 0  # all right frames are accepted
-    far = calibrate_head(POSTERIOR, drawn(200, 3, 2.0, 1.0, 0.9, 30.0))
-    assert far.min_log_ratio == pytest.approx(0, abs=1e-3)
-    assert far.min_in_map(np.array([0, 7])) == pytest.approx([0.5, 0.5], abs=1e-3)
-    assert HEAD.min_in_map(np.array(5)) == 0.5
-
-
-def test_an_answer_is_accepted_down_to_the_minimum_log_ratio():
-    accuracy = 0.75
-    head = HEAD.model_copy(update={"min_log_ratio": -0.5, "accuracy": accuracy})
-    posterior = POSTERIOR.model_copy(update={"head": head, "max_out_of_map_probability": 1.0})
-    right = accuracy * np.exp(-0.5)
-    limit = 1 / (right + 2 - accuracy)
-    for log_ratio, is_accepted in ((-0.49, True), (-0.51, False)):
-        z = (log_ratio - head.bias) / head.slope
-        score = (head.absent_mean + head.absent_deviation * z + head.other_score) * posterior.temperature
-        place = RankedPlace("a", "a", score)
-        answer = posterior.apply(Localization((place,), None, LocalizationStatus.NO_POSE))
-        assert answer.max_accepted_probability == pytest.approx(limit)
-        assert answer.accepted is is_accepted
-    assert posterior.apply(answer, limit=0.3).max_accepted_probability == 0.3

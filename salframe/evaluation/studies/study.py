@@ -201,7 +201,7 @@ class StudyResult(ResultBase):
 
     @property
     def caption(self) -> str:
-        """The task and the name of the study in words, such as "Localization: study keep"."""
+        """The task and the name of the study in words, such as "Localization: study top-k"."""
         return f"{self.task.capitalize()}: study {name_of(self.runs[0])}"
 
     def tables(self, columns: Sequence[str] = ()) -> list[Table]:
