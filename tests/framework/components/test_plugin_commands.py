@@ -21,8 +21,8 @@ def commands(monkeypatch, plugin, **modules: str):
 
 
 def test_commands_come_with_their_package(monkeypatch, plugin):
-    found, failures = commands(monkeypatch, plugin, first="{'greet': print}", second="{'leave': len}", third="{}")
-    assert found == {"greet": (print, "first"), "leave": (len, "second")}
+    loaded, failures = commands(monkeypatch, plugin, first="{'greet': print}", second="{'leave': len}", third="{}")
+    assert loaded == {"greet": (print, "first"), "leave": (len, "second")}
     assert failures == []
 
 
@@ -33,7 +33,7 @@ def test_a_plugin_without_commands_is_no_failure(monkeypatch, plugin):
 
 
 def test_commands_that_fail_cost_only_their_plugin(monkeypatch, plugin):
-    found, failures = commands(
+    loaded, failures = commands(
         monkeypatch,
         plugin,
         first="{'greet': print}",
@@ -44,7 +44,7 @@ def test_commands_that_fail_cost_only_their_plugin(monkeypatch, plugin):
         hollow="{'wave': None}",
         last="{'wave': print}",
     )
-    assert found == {"greet": (print, "first"), "wave": (print, "last")}
+    assert loaded == {"greet": (print, "first"), "wave": (print, "last")}
     reasons = {failure.package: failure.reason for failure in failures}
     assert reasons.keys() == {"again", "leaving", "listing", "loud", "hollow"}
     assert (
