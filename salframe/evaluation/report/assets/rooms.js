@@ -79,7 +79,9 @@ function countPairs() {
   const pairs = new Map(),
     answers = answersOf(selection.arm);
   currentSet().truth.forEach((truth, i) => {
-    const answer = answers.outcome[i] < 2 ? answers.place[i] : null;
+    // A correct rejection (outcome 0) can list places, too. They are not its answer.
+    const namesPlace = answers.outcome[i] === 1 || (answers.outcome[i] === 0 && answers.place[i] === truth);
+    const answer = namesPlace ? answers.place[i] : null;
     const key = `${truth} ${answer}`;
     if (!pairs.has(key)) pairs.set(key, {truth, answer, queries: []});
     pairs.get(key).queries.push(i);
