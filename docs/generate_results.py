@@ -2,9 +2,9 @@
 
 `salframe experiment NAME --results docs/results` writes the JSON files. Drawn are the blocks between
 `<!-- experiment: NAME -->` and `<!-- drawn -->`, the table of a block `<!-- table: EXPERIMENT TABLE [COLUMNS] -->`, the
-links of `<!-- experiments: links -->`, the table of `<!-- experiments: questions -->`, the definitions of all terms in
-`<!-- terms -->`, and the time of all tables in `<!-- hours -->`. All else is written by hand. result_terms.yaml defines
-the terms. The page of an experiment lists the terms that its tables use and its text does not define.
+table of `<!-- experiments: questions -->`, the definitions of all terms in `<!-- terms -->`, and the time of all tables
+in `<!-- hours -->`. All else is written by hand. result_terms.yaml defines the terms. The page of an experiment lists
+the terms that its tables use and its text does not define.
 """
 
 from __future__ import annotations
@@ -43,7 +43,6 @@ IN_NAVIGATION = {f"{name} in tables with {SUCCESS_RATE}" for name in ("95 % CI",
 """Terms that explain what differs in tables of navigation, on pages that also have tables of localization."""
 HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 TABLE = re.compile(r"(<!-- table: ([\w-]+) ([\w-]+) (\[.*?\]) -->\n).*?(<!-- /table -->\n)", re.DOTALL)
-LINKS = re.compile(r"(<!-- experiments: links -->\n).*?(<!-- /experiments -->\n)", re.DOTALL)
 QUESTIONS = re.compile(r"(<!-- experiments: questions -->\n).*?(<!-- /experiments -->\n)", re.DOTALL)
 DEFINITIONS = re.compile(r"(<!-- terms -->\n).*?(<!-- /terms -->\n)", re.DOTALL)
 BLOCK = re.compile(r"(<!-- experiment: ([\w-]+) -->\n).*?(<!-- drawn -->\n)", re.DOTALL)
@@ -166,11 +165,6 @@ def draw_table(name: str, table: str, columns: list[str]) -> str:
     return "\n".join(to_markdown(one).rstrip() for one in stored_tables(study, stored, columns)) + "\n"
 
 
-def draw_links() -> str:
-    """Return links from the summary to the pages of all experiments, separated by commas."""
-    return ", ".join(f"[{_title(name)}](results/{name}.md)" for name in experiment_names()) + ".\n"
-
-
 def draw_questions() -> str:
     """Return a table of all experiments with their questions."""
     lines = ["| page | question |", "|---|---|"]
@@ -215,7 +209,6 @@ def hours() -> str:
 def redraw(text: str) -> str:
     """Return the text of a page with its tables drawn again."""
     text = HOURS.sub(lambda match: f"{match[1]}{hours()}{match[2]}", text)
-    text = LINKS.sub(lambda match: f"{match[1]}\n{draw_links()}\n{match[2]}", text)
     text = QUESTIONS.sub(lambda match: f"{match[1]}\n{draw_questions()}\n{match[2]}", text)
     text = TABLE.sub(
         lambda match: f"{match[1]}\n{draw_table(match[2], match[3], yaml.safe_load(match[4]))}\n{match[5]}", text

@@ -47,10 +47,9 @@ class PanoramaScoresConfig(ComponentConfig):
     )
     nearest_scene: bool = match_only(
         True,
-        description="what happens if the best match is a reference frame in a doorway. true: this frame is replaced by "
-        "the reference frame in a room that is nearest to the estimated pose of the query; false: the frame is kept. "
-        "`saliency-graph` answers with the place of the frame. `saliency-places` uses the score of the match as "
-        "evidence for the place of the frame",
+        description="which place the best match supports if its reference frame is in a doorway. true: the room of the "
+        "reference frame that is nearest to the estimated pose of the query; false: the place of the doorway. "
+        "`saliency-graph` answers with this place. `saliency-places` uses the score of the match as evidence for it",
     )
 
 

@@ -41,9 +41,10 @@ class _Rows:
     z_m: np.ndarray
 
     def distance_m(self, v: np.ndarray) -> np.ndarray:
-        """Return the distances (..., M) in metres of the M points from the rays of their directions.
+        """Return the distance (..., M) in metres of each of the M points from its ray.
 
-        The rays start at the poses v (..., 4). The distance of a point behind the camera is infinite.
+        The ray of a point starts at the camera, whose poses are v (..., 4), and has the measured direction of the
+        point. The distance of a point behind the camera is infinite.
         """
         forward = v @ self.forward.T
         above = self.z_m * self.cos_elevation - forward * self.sin_elevation

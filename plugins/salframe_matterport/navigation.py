@@ -129,7 +129,7 @@ class ViewpointWorld(World):
         """See World. Move to the neighbour that fits the move best, or only turn if no neighbour fits.
 
         A neighbour fits if its bearing differs from the bearing of the move by at most TURN_OFF_RAD, and its horizontal
-        distance from the length of the move by at most LENGTH_OFF_M.
+        distance differs from the length of the move by at most LENGTH_OFF_M.
         """
         here, yaw_rad = self._viewpoints.nearest(T_world_pano[:3, 3]), pose_yaw(T_world_pano) + turn_rad
         walk_m = length_m * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])

@@ -263,7 +263,7 @@ def build_localization(
 ) -> LocalizationMap:
     """Build the map of a prepared dataset. Raises as `LocalizationMap.build`.
 
-    If the engine has a number of workers, the workers describe the frames first.
+    If the number of workers of the engine is set, the workers first compute the descriptions of the frames.
 
     Args:
         localizer: The localizer.

@@ -29,12 +29,15 @@ STEP_M = 0.5
 
 
 class Odd(Dataset):
-    """A reference frame and a query in each room, 10 m apart."""
+    """A reference frame and a query in each room, 10 m apart. The room `unmapped` has no reference frame."""
 
     name = "odd"
     version = "1"
     fingerprint = "odd"
     provides = frozenset({"rgb"})
+
+    class Config(ComponentConfig):
+        unmapped: int = 9
 
     def _load(self, id, room, ahead):
         return Panorama(id, np.full((320, 640, 3), (40 * room, 100 * ahead, 90), np.uint8))
@@ -43,6 +46,7 @@ class Odd(Dataset):
         mapping = tuple(
             ReferenceFrame(f"map <{k}>", place, pose_2d(10.0 * k, 0, 0), load=partial(self._load, f"m{k}", k, 0))
             for k, place in enumerate(PLACES)
+            if k != self.config.unmapped
         )
         queries = tuple(QueryFrame(self.id(k), partial(self._load, f"q{k}", k, 1)) for k in range(len(PLACES)))
         return [Fold("all", mapping, queries)]
@@ -67,7 +71,8 @@ class Weights(Settings):
 
 
 class Weigher(Localizer):
-    """Confuses the room `mistaken` with the previous one. Its poses are exact. In the room `no_pose` it has none."""
+    """Confuses the room `mistaken` with the previous one. Its poses are exact. In the room `no_pose` it has none. It
+    rejects the query in the room `rejected`."""
 
     name = "weigher"
     version = "1"
@@ -76,6 +81,7 @@ class Weigher(Localizer):
     class Config(ComponentConfig):
         mistaken: int = 1
         no_pose: int = 9
+        rejected: int = 9
         weights: Weights = Weights()
 
     def describe(self, panorama):
@@ -98,6 +104,8 @@ class Weigher(Localizer):
     def match(self, description):
         scores = self._scores(description)
         places = rank_places(self.frames, scores)
+        if int(description["room"]) == self.config.rejected:
+            return Localization(places, None, LocalizationStatus.OUT_OF_MAP)
         if int(description["room"]) == self.config.no_pose:
             return Localization(places, None, LocalizationStatus.NO_POSE)
         pose = self.frames[int(scores.argmax())].T_world_pano @ pose_2d(STEP_M, 0, 0)
@@ -113,7 +121,7 @@ class Weigher(Localizer):
     def _values(self, description):
         room = int(description["room"])
         room = room - 1 if room == self.config.mistaken else room
-        apart = np.abs(np.arange(len(PLACES)) - room)
+        apart = np.abs(np.arange(len(self.frames)) - room)
         return {"near": 4.0 - apart, "far": 0.5 * apart}
 
     def _scores(self, description):

@@ -1,4 +1,4 @@
-// The page of the interface: each operation of openapi.json with an example that runs.
+// The page of the API: each operation of openapi.json, with an example that sends a request.
 
 import { byId, html } from "./elements.js";
 import { request } from "./service.js";
@@ -37,7 +37,7 @@ function section(path, method, operation) {
     form.append(body);
   }
   if (bodies["multipart/form-data"]) {
-    form.append(html("p", { class: "hint" }, "Also multipart/form-data: the files `image` and `range`, and text fields. curl:"));
+    form.append(html("p", { class: "hint" }, "The body can also be multipart/form-data, with the files `image` and `range` and text fields. With curl:"));
     const extra = path.includes("observations") ? " -F t_s=1" : "";
     form.append(html("pre", { tabindex: 0 }, `curl -F image=@panorama.jpg -F range=@range.png${extra} ${location.origin}${path}`));
   }

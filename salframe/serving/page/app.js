@@ -58,7 +58,7 @@ function acceptDrops(area) {
   window.addEventListener("drop", (event) => event.preventDefault());
 }
 
-// Use a file as the query. A picture twice as wide as high is taken for a panorama.
+// Use a file as the query. An image that is twice as wide as high is used as a panorama.
 async function choose(file) {
   if (!file) return;
   image = file;
@@ -70,7 +70,7 @@ async function choose(file) {
     isPanorama = bitmap.width === 2 * bitmap.height;
     bitmap.close();
   } catch {
-    size = ", not a picture that this browser can show";
+    size = ", an image that this browser cannot show";
   }
   byId("chosen").textContent = `${file.name}${size}${isPanorama ? "" : ": a photo"}`;
   byId("fov-row").hidden = isPanorama;
@@ -138,7 +138,7 @@ function verdict() {
   const best = answer.places[0];
   const outside = answer.out_of_map_probability;
   if (!best || !["ok", "no-pose"].includes(answer.status)) return `Not localized: ${answer.status}.`;
-  if (answer.accepted === false) return `Not accepted: the query is probably out of the map (${percent(outside)}).`;
+  if (answer.accepted === false) return `Not accepted: the query ${outside > 0.5 ? "is probably" : "may be"} out-of-map (probability ${percent(outside)}).`;
   return `In ${best.place}${best.probability === null ? "" : ` (${percent(best.probability)})`}.`;
 }
 
@@ -169,7 +169,7 @@ async function goTo(goal) {
   plan.mark(goal.place ?? null);
   if (goal.place) byId("goal").value = goal.place;
   if (answer === null || answer.places.length === 0) {
-    byId("status").textContent = "Localize a panorama or photo first: the route starts there.";
+    byId("status").textContent = "Localize a panorama or a photo first. The route starts at its pose.";
     return;
   }
   const start = answer.pose === null ? { frame: answer.places[0].frame } : { pose: answer.pose };
@@ -187,7 +187,7 @@ async function startSession() {
   session.socket = openStream(id, showBelief, () => { if (session?.id === id) forgetSession("The session has ended."); });
   byId("session-start").hidden = true;
   byId("session-end").hidden = byId("motion").hidden = false;
-  byId("session-state").textContent = "Give the motion since the previous view with each view.";
+  byId("session-state").textContent = "With each view, enter the motion since the previous view.";
 }
 
 async function endSession() {

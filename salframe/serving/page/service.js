@@ -1,4 +1,4 @@
-// Requests to the service, with its token where it needs one.
+// Requests to the service, with a token if the service requires one.
 
 import { byId } from "./elements.js";
 
@@ -6,7 +6,7 @@ const KEY = "salframe-token";
 
 export const token = () => sessionStorage.getItem(KEY);
 
-// Send a request. Asks for the token where it is missing or wrong. Throws an Error with one sentence.
+// Send a request. Asks for the token if it is missing or wrong. Throws an Error with one sentence.
 export async function request(path, options = {}) {
   for (;;) {
     const headers = { ...options.headers };
@@ -15,7 +15,7 @@ export async function request(path, options = {}) {
     try {
       response = await fetch(path, { ...options, headers });
     } catch {
-      throw new Error("The server does not answer. Check that it runs, and try again.");
+      throw new Error("The server does not answer. Check that it is running, and try again.");
     }
     if (response.status === 401) {
       await askForToken();
@@ -47,7 +47,7 @@ async function describe(response) {
   try {
     const problem = await response.json();
     const wait = response.headers.get("Retry-After");
-    return wait === null ? problem.detail : `${problem.detail} (in ${wait} s)`;
+    return wait === null ? problem.detail : `${problem.detail} (after ${wait} s)`;
   } catch {
     return `The server answered ${response.status}.`;
   }

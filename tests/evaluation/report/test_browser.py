@@ -130,6 +130,21 @@ def test_the_confusion_of_rooms_leads_to_its_queries(page):
     assert texts(page, "#queries tbody td:nth-child(1)") == ["<b>query</b> 1"]
 
 
+def test_a_correct_rejection_is_not_confused_with_a_place(plugins, tmp_path):
+    """The query in the room without a reference frame is rejected. Its answer also ranks the other rooms."""
+    plugins("odd_plugin", "salframe_engines", folders=("evaluation",))
+    settings = ("data.unmapped=2", "mistaken=9", "rejected=2")
+    run = compare(Request(("weigher",), "odd", settings=settings, engine="inline")).run
+    with Page(write_report([run], tmp_path / "page.html").path, tmp_path / "profile") as page:
+        assert page.run(f"{ROWS}.map(row => row.cells[3].textContent)") == ["correct", "correct", "correct out-of-map"]
+        pairs = [title for title in texts(page, "#rooms title") if ", answered " in title]
+        assert pairs == [
+            f"{room}, answered {answer}: 1" for room, answer in zip(ODD, [*ODD[:2], "no place"], strict=True)
+        ]
+        assert "No query has a wrong place." in page.run("document.getElementById('rooms').textContent")
+        assert page.problems == []
+
+
 def test_a_query_is_opened_and_left_by_keys(page):
     page.run(f"{ROWS}[1].focus()")
     page.press("ArrowUp")

@@ -8,7 +8,13 @@ from salframe.evaluation.runs.rows import Line, PieceRow
 
 
 class TurnLine(Line):
-    """An answer: whether it is accepted, whether its first place is correct, and the turn before the last view."""
+    """Whether an answer is accepted and correct.
+
+    Attributes:
+        accepted: Whether the answer is accepted.
+        right: Whether its first place is the true place.
+        turn_deg: Angle in degrees of the turn from the first to the last view; 0 if there is only one view.
+    """
 
     accepted: bool
     right: bool
