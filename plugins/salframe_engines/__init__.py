@@ -35,7 +35,7 @@ class Processes(WorkerEngine):
     name = "processes"
     version = "1"
 
-    def ready(self) -> int:
+    def prepare(self) -> int:
         return self.workers or cpu_count()
 
     def start(self, is_only_worker: bool) -> WorkerProcess:

@@ -56,8 +56,8 @@ class HabitatMaps(MatterportAnnotations):
         )
         scans: Literal["all"] | tuple[str, ...] = Field(
             "all",
-            description="list with the id of one building, such as [17DRP5sb8fy]; all: the only building in the "
-            "folder that has top-down maps",
+            description="list with the id of one building, such as [17DRP5sb8fy]; all: the building in the "
+            "folder that has top-down maps, if there is only one",
         )
         resolution_m: float = Field(
             0.05,

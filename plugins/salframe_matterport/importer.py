@@ -33,7 +33,7 @@ class Matterport3DImporter(Importer):
 
     class Config(ComponentConfig):
         scan: str | None = Field(
-            None, description="id of the building to import; null: the only building in the folder"
+            None, description="id of the building to import; null: the building in the folder, if there is only one"
         )
         color: Color = Field(
             "skybox",

@@ -64,7 +64,7 @@ class AnnotationsConfig(QueryView):
         False,
         description="true: a map contains all buildings together, 1 km apart along x; false: a map contains one "
         "building. Without `map_share`, true still gives several maps, because the viewpoint of a query must "
-        "not be in its map (see `leave_out`). Each map is then for at most one query of each building. If the "
+        "not be in its map (see `leave_out`). Each of these maps then has at most one query from each building. If the "
         "dataset has a single building, true and false give the same maps",
     )
     map_share: float | None = added(

@@ -47,7 +47,7 @@ class Ray(WorkerEngine):
             "belongs to; null: start a new cluster of only this machine, which ends with the command",
         )
 
-    def ready(self) -> int:
+    def prepare(self) -> int:
         """Connect to the cluster and return the number of workers.
 
         Raises:

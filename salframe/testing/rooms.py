@@ -160,7 +160,13 @@ def _paint(room: FurnishedRoom, points_m: np.ndarray, instance_id: np.ndarray) -
 
 
 def blank_panorama(parts: Set[str]) -> Panorama:
-    """Return a blank panorama: black, without range and without instances."""
+    """Return a blank panorama that has only these parts.
+
+    Its colour is black, its range is unknown at each pixel, and its annotations contain no objects.
+
+    Args:
+        parts: Names of the parts: some of `rgb`, `range` and `annotations`.
+    """
     shape = (HEIGHT_PX, 2 * HEIGHT_PX)
     return Panorama(
         "blank",

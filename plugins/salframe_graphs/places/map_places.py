@@ -155,8 +155,8 @@ class MapPlaces:
     def names_at(self, poses: Poses) -> np.ndarray:
         """Return the index (C,) in `names` of the place that contains each pose.
 
-        This is the place of the region at the pose. It is the matched place if there is no region at the pose, or if
-        the place of the region is not in the map.
+        This is the place of the region at the pose. If the pose is in no region, or if the place of the region is not
+        in the map, this is the place whose objects gave the pose (`poses.place`).
         """
         matched = self.scene_frames.name[poses.place]
         if self.regions is None:

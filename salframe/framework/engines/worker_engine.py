@@ -54,8 +54,8 @@ class WorkerEngine(Engine):
         )
 
     @abstractmethod
-    def ready(self) -> int:
-        """Prepare to start workers. Return the number of workers."""
+    def prepare(self) -> int:
+        """Prepare the engine, and return the number of processes to start."""
 
     @abstractmethod
     def start(self, is_only_worker: bool) -> WorkerProcess:
@@ -64,7 +64,7 @@ class WorkerEngine(Engine):
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         if not items:
             return
-        count = min(self.ready(), len(items))
+        count = min(self.prepare(), len(items))
         workers = _Workers(partial(self.start, is_only_worker=self.workers is None and count == 1))
         with ThreadPoolExecutor(count) as threads:
             try:

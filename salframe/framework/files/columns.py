@@ -235,7 +235,7 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
 
     Args:
         folder: The folder.
-        expected: The kind of each column. All rows must have exactly these columns. None for any columns.
+        expected: The kind of each column. The folder must have exactly these columns. None: any columns.
 
     Raises:
         DataError: A file is damaged or a column is not as expected.

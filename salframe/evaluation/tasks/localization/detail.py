@@ -131,7 +131,10 @@ class _Method:
         self._frames: dict[str, ReferenceFrame] = {}
 
     def take(self, fold: Fold) -> None:
-        """Describe the reference frames of a fold. If the localizer has evidence to show, index the frames."""
+        """Describe the reference frames of a fold (compute their features).
+
+        If the localizer explains its scores by evidence, also build its map of the frames.
+        """
         usable = {}
         for frame in fold.references:
             try:
