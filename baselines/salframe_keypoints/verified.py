@@ -40,7 +40,7 @@ class VerifiedPlaces(Localizer):
 
     The answer is the first place of the new order. Its pose is computed from keypoints. If this pose has too few
     inliers, the pose by `ranking` is used instead, but only if the first place is the same in both orders. Otherwise,
-    the answer has no pose. If several views of a query are joined, the keypoints are those of the last view.
+    the answer has no pose. If a query has several views, the keypoints are those of its last view.
     """
 
     name = "verified-places"

@@ -47,8 +47,8 @@ class PanoramaScoresConfig(ComponentConfig):
     )
     nearest_scene: bool = match_only(
         True,
-        description="which place the best match supports if its reference frame is in a doorway. true: the room of the "
-        "reference frame that is nearest to the estimated pose of the query; false: the place of the doorway. "
+        description="which place the best match supports if the matched reference frame is in a doorway. true: a room, "
+        "namely that of the nearest reference frame in a room to the estimated pose of the query; false: the doorway. "
         "`saliency-graph` answers with this place. `saliency-places` uses the score of the match as evidence for it",
     )
 

@@ -90,8 +90,8 @@ class HouseConfig(QueryView):
     )
     changes: Literal["uniform", "by-class"] = added(
         "uniform",
-        description="how the objects that change are chosen, see `changed_fraction`. uniform: at random, except for "
-        "fittings such as toilets and lamps, which only change if too few other objects can; by-class: objects that "
+        description="how the objects that change are chosen, see `changed_fraction`. uniform: at random. "
+        "Fittings such as toilets and lamps only change if there are not enough other objects; by-class: objects that "
         "people often move are chosen more often, for example chairs and bins 10 times as often as wardrobes, and "
         "fittings never change",
     )

@@ -43,7 +43,7 @@ class PoseRow:
 
     Attributes:
         T_world_pano: (4, 4) pose of the panorama.
-        places: Name of the place, by the source of the name; empty if the table has no place.
+        places: Mapping from the source of a place name to the name; empty if the table has no place.
         t_s: Time in seconds; None if the table has no time.
     """
 

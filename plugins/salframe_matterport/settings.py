@@ -44,8 +44,9 @@ class AnnotationsConfig(QueryView):
     )
     seed: int = Field(
         0,
-        description="random seed of the range errors, the yaws and walks of queries, the selection by "
-        "`map_share`, and the ranges of objects that cannot be triangulated, which are random",
+        description="random seed of the range errors, the yaws of queries, the walks of queries (see `query_motion`), "
+        "and the selection by `map_share`. Objects that cannot be triangulated have a random range, which also depends "
+        "on this seed",
     )
     leave_out: int = match_only(
         1,
@@ -56,15 +57,15 @@ class AnnotationsConfig(QueryView):
     )
     query_triangulates: bool = match_only(
         True,
-        description="true: the ranges of the objects in a map are triangulated from all viewpoints of the "
-        "building, even from those that are removed from the map (see `leave_out`); false: they are triangulated "
-        "only from the viewpoints in the map",
+        description="whether the viewpoint of a query, which is not in its map (see `leave_out`), is still used to "
+        "triangulate the ranges of the objects in this map. true: all viewpoints of the building are used; false: "
+        "only the viewpoints in the map are used",
     )
     one_map: bool = match_only(
         False,
         description="true: a map contains all buildings together, 1 km apart along x; false: a map contains one "
-        "building. Without `map_share`, true still gives several maps, because the viewpoint of a query must "
-        "not be in its map (see `leave_out`). Each of these maps then has at most one query from each building. If the "
+        "building. For a single map, also set `map_share`. Without it, the viewpoint of a query must not be in its "
+        "map (see `leave_out`), so there are several maps, each with at most one query from each building. If the "
         "dataset has a single building, true and false give the same maps",
     )
     map_share: float | None = added(

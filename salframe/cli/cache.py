@@ -7,7 +7,7 @@ import typer
 from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
-app = typer.Typer(help="Show or clear the cache of what methods computed.", no_args_is_help=True)
+app = typer.Typer(help="Show or clear the cache of the results that methods computed.", no_args_is_help=True)
 
 
 @app.command()

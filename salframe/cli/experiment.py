@@ -37,7 +37,7 @@ def experiment(
     """Measure the tables of an experiment and store them.
 
     An experiment is a set of tables, such as those in `salframe docs results`. A complete stored table is
-    printed and not measured again, unless its settings have changed, or the versions of its task, data or methods.
+    printed. It is only measured again if its settings have changed, or if its task, data or methods have new versions.
     Tables of real buildings need --data-dir. Run the same command again to resume an interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table

@@ -116,9 +116,10 @@ class Head(Settings):
     )
     evidence: Mapping[str, EvidenceTerm] = Field(
         {},
-        description="terms that are added to ln(p / q) (see `posterior.head.bias`), by the name of a column of the "
-        "evidence. The keys of a term mean the same as the settings of `posterior.head` with these names. They apply "
-        "to the value of the column instead of the contrast; only for methods with evidence",
+        description="mapping from the name of a column of the evidence, such as `likelihood`, to the parameters of a "
+        "term. The term is computed from the value of the column in the same way as ln(p / q) from the contrast, and "
+        "is added to ln(p / q) (see `posterior.head.bias`). The parameters have the names of the settings of "
+        "`posterior.head`. Only for methods with evidence",
     )
 
     def relative_objects(self, objects: np.ndarray) -> np.ndarray:

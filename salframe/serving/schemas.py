@@ -226,7 +226,7 @@ class RouteBody(BaseModel):
 
 
 class SessionBody(BaseModel):
-    """A new session."""
+    """The response that describes a new session."""
 
     id: str
     idle_s: float = Field(description="time in seconds without observations after which the session ends")

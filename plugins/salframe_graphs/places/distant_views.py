@@ -23,8 +23,9 @@ class DistantViews(Settings):
     near_m: float = Field(
         2.5,
         ge=0,
-        description="maximum distance (m) of a view from the last view of its group. Only used in a map without floor "
-        "masks: there, successive views of a query form groups, and each group is assumed to be in one place",
+        description="maximum distance (m) between the final view of a group and the other views of this group. Only "
+        "used in a map without floor masks: there, successive views of a query form groups, and each group is assumed "
+        "to be in one place",
     )
     window_m: float = Field(
         5.0,

@@ -22,7 +22,8 @@ class Rates(Settings):
     )
     position_error_m: float = Field(
         gt=0,
-        description="standard deviation (m) of the position error of a query object along each axis, at a range of 0",
+        description="standard deviation (m) of the horizontal position error of a query object, along x and along y, "
+        "at a range of 0",
     )
     range_error_share: float = Field(
         ge=0,
@@ -132,9 +133,9 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="factor (0 to 1) in the likelihood ratio without a pose, which ignores positions. The factor "
-        "multiplies the odds that an object of the query is an object of the place. In a place with a pose, this "
-        "likelihood ratio is added to the one at the pose",
+        description="factor (0 to 1) in a second likelihood ratio, which needs no pose because it ignores positions. "
+        "The factor multiplies the odds that an object of the query is an object of the place. If a pose was found in "
+        "the place, the sum of both likelihood ratios is used, otherwise only the second one",
     )
     scale_error: float = Field(
         0.1,

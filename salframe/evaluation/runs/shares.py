@@ -21,7 +21,12 @@ SHARES = "shares"
 
 @dataclass(frozen=True)
 class Share:
-    """A share of a method's work: the keys of its pieces of work (such as queries), and the folder for their rows."""
+    """A share of the work of a method.
+
+    Attributes:
+        keys: Keys of the pieces of work in this share, such as queries.
+        folder: Folder to which the result rows of these pieces are written.
+    """
 
     keys: Sequence[tuple[Any, ...]]
     folder: Path
