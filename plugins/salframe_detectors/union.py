@@ -48,7 +48,8 @@ class UnionDetector(Detector):
 
     @property
     def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """Maximum deviation in metres if the panorama is rotated: the maximum of the detectors' `turn_tolerance_m`."""
+        """Maximum change of a centroid and of a size in metres, apart from the rotation itself, if the panorama is
+        rotated: the largest `turn_tolerance_m` of the detectors."""
         return max(member.turn_tolerance_m for member in self._members)
 
     def detect(self, panorama: Panorama) -> Detections:

@@ -21,7 +21,7 @@ class Detector(Role):
     detections rotate by the same angle and do not change otherwise. For other rotations, this holds within 2 degrees
     for 95 % of the detections."""
     turn_tolerance_m: ClassVar[float] = 1e-4
-    """Maximum deviation of a centroid and of a size, in metres, from the rotated detections, if the panorama is rotated
+    """Maximum change of a centroid and of a size in metres, apart from the rotation itself, if the panorama is rotated
     by a multiple of `column_step`."""
 
     @classmethod

@@ -35,7 +35,7 @@ def estimates_range(localizer: Localizer, provides: frozenset[str]) -> bool:
 
     Args:
         localizer: The localizer.
-        provides: Parts of the panoramas, of "rgb", "range" and "annotations".
+        provides: Parts that the panoramas have: some of "rgb", "range" and "annotations".
     """
     return localizer.range_model is not None and "range" not in provides
 
@@ -47,7 +47,7 @@ def required_parts(localizer: Localizer, provides: frozenset[str]) -> frozenset[
 
     Args:
         localizer: The localizer.
-        provides: Parts that the panoramas have, of "rgb", "range" and "annotations".
+        provides: Parts that the panoramas have: some of "rgb", "range" and "annotations".
     """
     if localizer.range_model is None or not estimates_range(localizer, provides):
         return localizer.needs

@@ -57,6 +57,6 @@ class DetectingLocalizer(Localizer):
 
     @property
     def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """Maximum deviation of the detections after a rotation, in metres (`Detector.turn_tolerance_m`)."""
+        """Maximum change of the detections if the panorama is rotated, in metres (`Detector.turn_tolerance_m`)."""
         tolerance_m: float = self._detector.turn_tolerance_m
         return tolerance_m

@@ -86,8 +86,8 @@ class Localizer(Role):
     the answer does not change otherwise. None: any rotation may change the answer, for example because views are cut
     from the panorama at fixed azimuths."""
     turn_tolerance_m: ClassVar[float] = 1e-4
-    """Maximum deviation of the pose if the panorama is rotated by a multiple of `column_step`: of the position in
-    metres, and of the heading in radians."""
+    """Maximum change of the pose, apart from the rotation itself, if the panorama is rotated by a multiple of
+    `column_step`: of the position in metres, and of the heading in radians."""
     range_model: RangeModel | None = None
     """The range model that the setting `range` selects; None: range is not estimated."""
     posterior: Posterior | None = None

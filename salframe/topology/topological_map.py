@@ -161,8 +161,8 @@ class TopologicalMap:
             moved or left out.
         sources: Where the floors come from.
         connections: Stairs and lifts between the floors, which are also in `edges`.
-        signs: Mapping from the `text_key` of the text of each sign to the id of the nearest node. It is set for a saved
-            map (`open_topology`).
+        signs: Mapping from the text of each sign, normalized by `text_key`, to the id of the nearest node. Empty unless
+            `open_topology` opened the map.
     """
 
     nodes: tuple[MapNode, ...]
