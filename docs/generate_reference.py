@@ -213,8 +213,9 @@ CHOICES = {
     "range-model": "Choose the range model of a localizer with `--set range.kind=NAME`, and change its settings with "
     "`--set range.KEY=VALUE`.",
     "scene-index": "`--set scene_index.kind=NAME` chooses the index with which `proposed` selects places. "
-    "`--set matcher.scene_index.kind=NAME` chooses the index of the matcher. The matcher is used by `saliency-graph`, "
-    "by its variants such as `usg`, and by `proposed`, which compares the query with single panoramas for the "
+    "`--set matcher.scene_index.kind=NAME` chooses the index of the matcher, which compares the query with "
+    "single panoramas. `saliency-graph` and its variants, such as `usg`, have only the index of the matcher. "
+    "`proposed` has both: the matcher computes a part of the score of a place, the "
     "[evidence](../../explanation/place-evidence.md) `panorama`.",
     "feature-matcher": "Choose the feature matcher of the localizer `keypoints` with `--set features.kind=NAME`, and "
     "change its settings with `--set features.KEY=VALUE`.",

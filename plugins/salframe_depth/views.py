@@ -19,7 +19,10 @@ MIN_VIEWS, MIN_FOV_DEG = 6, 75
 
 @dataclass(frozen=True)
 class DepthRig(ViewRig):
-    """Set of `count` views: horizontal views as in ViewRig, TILTED views that look down, TILTED views that look up."""
+    """Set of `count` views: horizontal views as in ViewRig, and tilted views.
+
+    The constant TILTED is the number of views that look down, and also the number of views that look up.
+    """
 
     @classmethod
     def around(cls, level: int, width_px: int, height_px: int, fov_rad: float) -> DepthRig:

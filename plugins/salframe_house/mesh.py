@@ -172,7 +172,7 @@ class MeshBuilder:
         segments: int = 12,
         cap: Material | None = None,
     ) -> None:
-        """Add a cylinder, truncated cone or elliptic pipe.
+        """Add a cylinder or a truncated cone, with a circular or elliptic cross-section.
 
         Args:
             centre: Centre of the first cap.

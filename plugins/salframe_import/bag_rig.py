@@ -188,8 +188,8 @@ class BagRig:
             axes: Axes of the frame of equirectangular images; "auto": the axes under which the images are upright.
 
         Raises:
-            DataError: The equirectangular images are upright only under the axes that `axes` excludes. Or `axes` is
-                "auto", and the images are upright under no axes. Explicit `axes` are accepted in this case.
+            DataError: `axes` is explicit, and the equirectangular images are upright only under other axes. Or `axes`
+                is "auto", and the images are upright under no axes.
         """
         if not self.is_equirectangular:
             return self

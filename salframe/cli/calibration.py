@@ -26,9 +26,9 @@ def describe_calibration(calibration: MapCalibration | None, has_other: bool = F
     limit = 1 - float(head.min_in_map(np.array(0)))
     text = (
         f"calibrated with {calibration.present_frames} simulated queries in the map and "
-        f"{len(calibration.absent_in_map)} out of it: accuracy {head.accuracy:.2f}, "
+        f"{len(calibration.absent_in_map)} out of it: accuracy {head.accuracy:.0%}, "
         f"out-of-map contrast {head.absent_mean:.2f} +- {head.absent_deviation:.2f}, answers are accepted up to an "
-        f"out-of-map probability of {limit:.2f}"
+        f"out-of-map probability of {limit:.0%}"
     )
     if calibration.before is None or calibration.after is None:
         return text

@@ -145,7 +145,11 @@ def connect(
     ] = None,
     kind: Annotated[str, typer.Option(metavar="KIND", help="Kind of the connection: stairs or lift")] = "stairs",
     length: Annotated[
-        float | None, typer.Option(metavar="M", help="Length of the connection in metres, for the length of routes")
+        float | None,
+        typer.Option(
+            metavar="M",
+            help="Length of the connection in metres. It is added to the length of routes over the connection",
+        ),
     ] = None,
     file: Annotated[
         Path | None,

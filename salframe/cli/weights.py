@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -25,7 +25,7 @@ def list_(
         typer.Option(
             "--verbose",
             "-v",
-            help="Also print the source and folder of the weights, and the terms of their training data",
+            help="Also print the source, folder and sha256 of the weights, and the terms of their training data",
         ),
     ] = False,
     as_json: Json = False,
@@ -33,26 +33,40 @@ def list_(
     """List the weights that components use.
 
     The state is `ready`, `absent` (not downloaded) or `another file` (wrong content). `--verbose` adds the source, the
-    folder, and the terms of the training data.
+    folder, the sha256 of each file, and the terms of the training data.
     """
     from salframe.cli.tables import print_table
     from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.components.installation import list_weights
     from salframe.framework.components.registry import registry
 
-    rows = []
+    entries: list[dict[str, Any]] = []
     for weights in list_weights(registry()):
         state = weights.state
-        folder = "" if state == "absent" else str(weights.find()[0].parent)
-        licence = weights.terms if as_json or verbose else weights.licence
-        rows.append([weights.name, licence, format_bytes(weights.size_bytes), state, str(weights.source), folder])
-    headings = ("name", "licence", "size", "state", "source", "folder")
+        entries.append(
+            {
+                "name": weights.name,
+                "licence": weights.terms if as_json or verbose else weights.licence,
+                "size": format_bytes(weights.size_bytes),
+                "state": state,
+                "source": str(weights.source),
+                "folder": "" if state == "absent" else str(weights.find()[0].parent),
+                "sha256": {file.name: file.sha256 for file in weights.files},
+            }
+        )
     if as_json:
-        print_json([dict(zip(headings, row, strict=True)) for row in rows])
+        print_json(entries)
     elif verbose:
-        print_table(headings, rows)
+        for entry in entries:
+            print(f"{entry['name']}: {entry['state']}, {entry['size']}")
+            for key in ("licence", "source", "folder"):
+                if entry[key]:
+                    print(f"  {key:7}  {entry[key]}")
+            for file, sha256 in entry["sha256"].items():
+                print(f"  sha256   {sha256}  {file}")
     else:
-        print_table(headings[:4], [row[:4] for row in rows])
+        headings = ("name", "licence", "size", "state")
+        print_table(headings, [[entry[heading] for heading in headings] for entry in entries])
 
 
 @app.command()

@@ -97,8 +97,10 @@ def without_moving_objects(detections: Detections) -> Detections:
 
 
 def written_labels(detections: Detections) -> dict[str, np.ndarray]:
-    """Return the distinct labels of detections, as the detector writes them, as an array of a description: (W,) str in
-    alphabetical order."""
+    """Return the distinct labels of detections in the spelling of the detector, as an entry of a description.
+
+    The value is (W,) str in alphabetical order.
+    """
     return {WRITTEN_LABELS: np.unique(np.array(detections.labels, np.str_))}
 
 

@@ -98,9 +98,9 @@ class RangeEncoding:
         return self._metres(steps)
 
     def panorama_steps(self, range_m: np.ndarray) -> np.ndarray:
-        """Return the values of the file for a range along the ray, (H, 2H) uint16: the inverse of `panorama_range`.
+        """Convert ranges along the ray to the pixel values of an image file, (H, 2H) uint16.
 
-        NaN and ranges above the 16-bit limit become 0.
+        This is the inverse of `panorama_range`. NaN and ranges above the 16-bit limit become 0.
 
         Args:
             range_m: (H, 2H) range along the ray in metres.

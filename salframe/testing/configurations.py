@@ -66,7 +66,7 @@ def on_rooms(config: ComponentConfig) -> ComponentConfig:
 
 
 def with_setting(config: Any, name: str, value: Any) -> Any:
-    """Return the model with another value of a setting, None if the model rejects the value."""
+    """Return a copy of a config whose setting `name` has another value; None if the value is invalid."""
     try:
         return type(config).model_validate({**dict(config), name: value})
     except (ValidationError, SalframeError):

@@ -81,6 +81,15 @@ def test_listings_fit_80_columns():
         assert max(map(len, run(*command).out.splitlines())) <= 80, command
 
 
+def test_the_verbose_list_of_weights_has_whole_hashes_and_sources(shipped):
+    entries = run("weights", "list", "--json").json
+    lines = [line.split(maxsplit=1) for line in run("weights", "list", "-v").out.splitlines()]
+    assert [text for key, text in lines if key == "source"] == [entry["source"] for entry in entries]
+    hashes = [[sha256, file] for entry in entries for file, sha256 in entry["sha256"].items()]
+    assert [text.split() for key, text in lines if key == "sha256"] == hashes
+    assert all(len(sha256) == 64 for sha256, _ in hashes)
+
+
 def test_a_command_of_a_plugin_is_one_of_ours(shipped):
     assert "shout" in run("--help").out
     assert "Print a word in capitals." in run("shout", "--help").out

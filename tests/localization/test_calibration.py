@@ -217,7 +217,7 @@ SETTING = f"posterior={{temperature: 1.0, head: {HEAD_SETTING}}}"
 def test_build_calibrates_and_the_map_shows_it(fakes):
     build = ("build", "rooms", "--method", "reader", "--set", "data.rooms=6", "--set", SETTING)
     done = run(*build, "-o", "map")
-    assert "calibrated with 0 simulated queries in the map and 6 out of it: accuracy 0.80" in done.out
+    assert "calibrated with 0 simulated queries in the map and 6 out of it: accuracy 80%" in done.out
     plain = run(*build, "-o", "plain", "--no-calibrate")
     assert "calibrated" not in plain.out
     shown = run("map", "show", "map")

@@ -61,7 +61,8 @@ class CompiledLists(SceneIndex):
         max_shift_m: float = match_only(
             6.0,
             gt=0,
-            description="maximum distance (m) between the query and the reference frame that it is compared with",
+            description="maximum distance (m) between the computed position of the query and the reference frame. "
+            "Poses with a larger distance are left out",
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import json
+import re
 import types
 import typing
 from collections.abc import Iterator, Mapping
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import yaml
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -69,8 +71,15 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
 
 
 def spell_value(value: Any) -> str:
-    """Return the value of a setting as text: a string unchanged, any other value as JSON."""
+    """Return the value of a setting as text: a string unchanged, a list of names as [a, b], any other value as JSON."""
+    if isinstance(value, list | tuple) and all(map(_is_name, value)):
+        return f"[{', '.join(value)}]"
     return value if isinstance(value, str) else json.dumps(value)
+
+
+def _is_name(value: Any) -> bool:
+    """Return whether a value is text that YAML reads as the same text without quotes."""
+    return isinstance(value, str) and bool(re.fullmatch(r"[\w.-]+", value)) and bool(yaml.safe_load(value) == value)
 
 
 def shorten_value(value: Any, max_length: int = 60) -> str:

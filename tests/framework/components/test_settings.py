@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Literal
 
 import pytest
+import yaml
 from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
-from salframe.framework.components.settings import Setting, list_settings
+from salframe.framework.components.settings import Setting, list_settings, spell_value
 from salframe.framework.components.slots import slot
 from salframe.framework.validation import Settings
 from salframe.graphs.saliency import SaliencyModel
@@ -68,3 +69,19 @@ def test_an_optional_slot_that_is_set_is_a_row_with_its_role(models):
     rows = {row.key: row for row in list_settings(Outer.Config(other={"share": 0.25}))}
     assert rows["other"] == Setting("other", "inner", "inner", "saliency | null", "another, or none")
     assert rows["other.share"].value == 0.25
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (["likelihood", "17DRP5sb8fy"], "[likelihood, 17DRP5sb8fy]"),
+        (["true"], '["true"]'),
+        (["0x1F"], '["0x1F"]'),
+        (["a, b"], '["a, b"]'),
+        ([0.5, None], "[0.5, null]"),
+        ("true", "true"),
+    ],
+)
+def test_a_list_of_names_is_spelled_without_quotes(value, text):
+    assert spell_value(value) == text
+    assert isinstance(value, str) or yaml.safe_load(text) == value

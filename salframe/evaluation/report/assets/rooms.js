@@ -203,8 +203,8 @@ function showFloors() {
     make(
       "p",
       {class: "note"},
-      "Each arrow points from the true position of a query to its estimated position. A dot without an arrow is a query " +
-        "without an estimated pose. Hover over a dot to show the query and its place. Click it to open the query.",
+      "Each arrow points from the true position of a query to its estimated position. If the two are very close to each " +
+        "other, only the arrowhead is visible. A dot without an arrow is a query without an estimated pose. Hover over a dot to show the query and its place. Click it to open the query.",
     ),
     make("div", {class: "tools"}, selectionMenus(), floors, make("span", {}, keys)),
     place,
