@@ -152,7 +152,7 @@ class AppearanceEvidence(EvidenceModel):
 
         Args:
             vectors: (F, V, C) int8 descriptors of the F frames with colour.
-            has_views: (S,) bool, whether each of the S frames of the map has colour.
+            has_views: (S,) bool, whether each of the S reference frames has colour.
             places: The places of the map.
         """
         self._vectors, self._places = vectors, places
@@ -174,8 +174,8 @@ class AppearanceEvidence(EvidenceModel):
 
 def _quantise(vectors: np.ndarray) -> np.ndarray:
     """Return vectors (V, C) as int8. Each is scaled so that its maximum absolute component is 127; zeros stay 0."""
-    largest = np.abs(vectors.astype(np.float32)).max(1, keepdims=True)
-    return np.rint(vectors * (127 / np.maximum(largest, 1e-9))).astype(np.int8)
+    max_component = np.abs(vectors.astype(np.float32)).max(1, keepdims=True)
+    return np.rint(vectors * (127 / np.maximum(max_component, 1e-9))).astype(np.int8)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

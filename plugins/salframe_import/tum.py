@@ -220,11 +220,11 @@ def _read_list(path: Path, num_words: int) -> _Stamped:
     return _Stamped(np.array([row[0] for row in rows]), tuple(row[1] for row in rows))
 
 
-def _nearest(times_s: np.ndarray, wanted_s: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each wanted time the index of the nearest of the ascending times, and their difference in seconds."""
-    wanted = np.asarray(wanted_s)
-    after = np.clip(np.searchsorted(times_s, wanted), 1, max(len(times_s) - 1, 1))
+def _nearest(times_s: np.ndarray, target_times_s: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return for each target time the index of the nearest of the ascending times, and their difference in seconds."""
+    targets_s = np.asarray(target_times_s)
+    after = np.clip(np.searchsorted(times_s, targets_s), 1, max(len(times_s) - 1, 1))
     after = np.minimum(after, len(times_s) - 1)
     before = np.maximum(after - 1, 0)
-    index = np.where(np.abs(times_s[before] - wanted) <= np.abs(times_s[after] - wanted), before, after)
-    return index, np.abs(times_s[index] - wanted)
+    index = np.where(np.abs(times_s[before] - targets_s) <= np.abs(times_s[after] - targets_s), before, after)
+    return index, np.abs(times_s[index] - targets_s)

@@ -70,12 +70,12 @@ def cause_of(query: ViewpointScene, region_scenes: list[ViewpointScene], answer_
         answer_scenes: The viewpoints of the region that the method returned.
     """
     shared = [np.intersect1d(query.object_id, scene.object_id, return_indices=True)[1:] for scene in region_scenes]
-    best_scene, (in_query, in_own) = max(zip(region_scenes, shared, strict=True), key=lambda pair: len(pair[1][0]))
+    best_scene, (in_query, in_scene) = max(zip(region_scenes, shared, strict=True), key=lambda pair: len(pair[1][0]))
     if len(in_query) == 0:
         return "no shared object"
     if len(in_query) == 1:
         return "one shared object"
-    apart_m = np.linalg.norm(_positions(query)[in_query] - _positions(best_scene)[in_own], axis=1)
+    apart_m = np.linalg.norm(_positions(query)[in_query] - _positions(best_scene)[in_scene], axis=1)
     if (apart_m <= MISPLACED_M).sum() < 2:
         return "bad bearing or range"
     if _shared_labels(query, answer_scenes) >= _shared_labels(query, region_scenes):

@@ -76,7 +76,7 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: SetForData = N
         "mapped_places": len({frame.place for frame in references}),
         "queried_places": len(set(true_places.values())),
         "queries_without_truth": len(queries) - len(true_places),
-        "fingerprint": dataset.question_key,
+        "fingerprint": dataset.query_key,
     }
     if as_json:
         print_json(facts)

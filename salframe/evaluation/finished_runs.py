@@ -32,7 +32,7 @@ def evaluate(directory: str | Path) -> Result[Any]:
     """
     run, task = open_run(directory)
     dataset = open_dataset(run.data())
-    run.bind(dataset.question_key)
+    run.bind(dataset.query_key)
     return conclude(task, run, task.survey(dataset))
 
 
@@ -101,7 +101,7 @@ class _Opened:
 def _open(folder: Path, progress: Progress | None) -> _Opened:
     run, task = open_run(folder)
     dataset = open_dataset(run.data(), progress and partial(progress, run.directory.name))
-    run.bind(dataset.question_key)
+    run.bind(dataset.query_key)
     survey = task.survey(dataset)
     if not isinstance(task, PagedTask):
         raise ConfigError(

@@ -122,10 +122,10 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     """Return the p-values of several tests, adjusted by Holm's method (1979). None (no test) stays None."""
     order = sorted((p, i) for i, p in enumerate(p_values) if p is not None)
     adjusted: list[float | None] = [None] * len(p_values)
-    largest = 0.0
+    max_p = 0.0
     for rank, (p, i) in enumerate(order):
-        largest = max(largest, min((len(order) - rank) * p, 1.0))
-        adjusted[i] = largest
+        max_p = max(max_p, min((len(order) - rank) * p, 1.0))
+        adjusted[i] = max_p
     return adjusted
 
 

@@ -326,9 +326,9 @@ def _cross_validate(
         return None, None
     after = np.empty(len(answers.contrast))
     for place in np.unique(answers.place):
-        is_own = answers.place == place
-        head = calibrate_head(posterior, answers.take(~is_own))
-        after[is_own] = answers.take(is_own).in_map(head)
+        is_held_out = answers.place == place
+        head = calibrate_head(posterior, answers.take(~is_held_out))
+        after[is_held_out] = answers.take(is_held_out).in_map(head)
     return _scores(answers.in_map(posterior.head), answers), _scores(after, answers)
 
 

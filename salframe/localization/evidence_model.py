@@ -62,7 +62,7 @@ class PlaceFrames:
 
     @cached_property
     def padded(self) -> np.ndarray:
-        """For each of the K places, the indices of its scene frames among the frames of the map, (K, maximum number of
+        """For each of the K places, the indices of its scene frames among the reference frames, (K, maximum number of
         scene frames of a place). The last frame of a place is repeated to fill its row."""
         count = np.diff(self.start)
         return self.frame[self.start[:-1, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)]

@@ -256,18 +256,18 @@ def _fit_effects(contrast: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -
     are 0 if nu does not vary within any map.
     """
     groups = [(contrast[map_number == number], nu[map_number == number]) for number in np.unique(map_number)]
-    groups = [(values, own) for values, own in groups if np.ptp(own) > 0]
+    groups = [(values, map_nu) for values, map_nu in groups if np.ptp(map_nu) > 0]
     if not groups:
         return 0.0, 0.0
     from scipy.optimize import minimize
 
     def loss(effects: np.ndarray) -> float:
         total = RIDGE * float(effects @ effects)
-        for values, own in groups:
-            mean, deviation = absent_moments(values, own, *effects)
+        for values, map_nu in groups:
+            mean, deviation = absent_moments(values, map_nu, *effects)
             deviation = max(deviation, _MIN_DEVIATION)
-            z = standardize(values, own, mean, deviation, *effects)
-            total += float(np.log(deviation) + effects[1] * own.mean() + np.mean(z**2) / 2) / len(groups)
+            z = standardize(values, map_nu, mean, deviation, *effects)
+            total += float(np.log(deviation) + effects[1] * map_nu.mean() + np.mean(z**2) / 2) / len(groups)
         return total
 
     result = minimize(loss, np.zeros(2), method="Nelder-Mead", options={"initial_simplex": _FIRST_EFFECTS})

@@ -60,7 +60,7 @@ class Dataset(Role):
 
     @final
     @property
-    def question_key(self) -> str:
+    def query_key(self) -> str:
         """Key that identifies the maps and queries of a run: a digest of the fingerprint of the dataset and of its
         changed `match_only` settings.
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class FolderDataset(Dataset):
-    """Panoramas in a folder with a manifest.json, whose format is described in docs/reference/folder-format.md."""
+    """Panoramas in a folder with a manifest.json. `salframe docs folder-format` describes the format."""
 
     name = "folder"
     version = "3"

@@ -47,7 +47,7 @@ def test_a_hidden_place_is_gone_with_its_doorways_and_nothing_is_rendered_again(
     hidden = House(house.config.model_copy(update={"hide_query_place": True}))
     assert hidden.root == house.root
     assert hidden.content_key == house.content_key
-    assert hidden.question_key != house.question_key
+    assert hidden.query_key != house.query_key
     whole, *without = hidden.folds()
     assert len(without) == 6
     for fold in without:

@@ -11,8 +11,8 @@ from salframe_keypoints.loftr_compact import STRIDE_PX
 from salframe.framework.errors import ConfigError
 from salframe.panoramas.geometry import equirectangular_rays, pose_2d
 from training.loftr_compact import view_pairs
-from training.loftr_compact.panoramas import Shot
-from training.loftr_compact.settings import Stage, Training
+from training.loftr_compact.panoramas import GrayPanorama
+from training.loftr_compact.settings import LoftrTrainingSettings, Stage
 from training.loftr_compact.view_pairs import PosedView, correspondences
 
 SIZE_PX = 160, 120
@@ -27,7 +27,8 @@ def shots(rooms):
     poses = np.eye(4), pose_2d(0.4, 0.3, 0.2)
     panoramas = [rooms[0].panorama("a", pose) for pose in poses]
     return [
-        Shot(p.rgb[..., 1].copy(), p.range_m.astype(np.float16), pose) for p, pose in zip(panoramas, poses, strict=True)
+        GrayPanorama(p.rgb[..., 1].copy(), p.range_m.astype(np.float16), pose)
+        for p, pose in zip(panoramas, poses, strict=True)
     ]
 
 
@@ -59,7 +60,7 @@ def test_views_from_two_places_see_the_same_point_of_the_room(shots):
     assert len(matched) > 100
 
     def hit(view, pixels):
-        origin, rays = view.shot.T_world_pano[:3, 3], view.bearings(pixels) @ view.shot.T_world_pano[:3, :3].T
+        origin, rays = view.panorama.T_world_pano[:3, 3], view.bearings(pixels) @ view.panorama.T_world_pano[:3, :3].T
         return origin + rays * ((np.where(rays > 0, ROOM_M[1], ROOM_M[0]) - origin) / rays).min(1, keepdims=True)
 
     np.testing.assert_allclose(hit(first, first.grid()[matched]), hit(second, points), atol=0.02)
@@ -73,7 +74,7 @@ def test_what_stands_in_the_way_in_the_second_view_has_no_match(shots):
     camera, ahead = view_pairs._camera(SIZE_PX, 120.0), view_pairs._rotation(0.0, 0.0, 0.0)
     first = PosedView(shots[0], camera, view_pairs._rotation(0.2, 0.0, 0.0), SIZE_PX)
     free = PosedView(shots[1], camera, ahead, SIZE_PX)
-    behind = PosedView(Shot(shots[1].gray, blocked, shots[1].T_world_pano), camera, ahead, SIZE_PX)
+    behind = PosedView(GrayPanorama(shots[1].gray, blocked, shots[1].T_world_pano), camera, ahead, SIZE_PX)
     matched, points = true_points(*correspondences(first, free))
     left, _ = true_points(*correspondences(first, behind))
     bearing = free.bearings(points)
@@ -97,9 +98,9 @@ def train(shots, monkeypatch):
     return module.train
 
 
-def tiny(**changes) -> Training:
+def tiny(**changes) -> LoftrTrainingSettings:
     stage = Stage(width_px=96, height_px=72, batch=2, steps=4, buildings=1)
-    return Training(
+    return LoftrTrainingSettings(
         **{"stages": (stage,), "warmup_steps": 1, "decay_steps": 2, "report_every": 2, "processes": 1, **changes}
     )
 
@@ -133,6 +134,6 @@ def test_a_folder_holds_one_run(train, tmp_path):
 def test_the_learning_rate_rises_stays_and_falls():
     from training.loftr_compact.train import learning_rate
 
-    config = Training(warmup_steps=10, decay_steps=20)
+    config = LoftrTrainingSettings(warmup_steps=10, decay_steps=20)
     rates = [learning_rate(step, 100, config) / config.peak_learning_rate for step in (0, 9, 50, 80, 90, 100)]
     np.testing.assert_allclose(rates, [0.1, 1, 1, 1, 0.51, 0.02], atol=1e-12)

@@ -291,7 +291,7 @@ def test_ranges_of_a_map_without_the_bearings_of_its_query(building):
 def test_hidden_places_and_other_maps_change_the_questions_and_no_panorama(building):
     row = row_of(building, 4)
     plain = opened(row)
-    assert plain.question_key == plain.fingerprint
+    assert plain.query_key == plain.fingerprint
     hidden = opened(row, hide_query_place=True)
     folds = hidden.folds()
     assert len(folds) == 2 * len(plain.folds())
@@ -299,11 +299,11 @@ def test_hidden_places_and_other_maps_change_the_questions_and_no_panorama(build
         places = {frame.place for frame in fold.references}
         assert hidden.truth(fold.queries[0].id).place not in places
         assert places == {"fake/region-1"}
-    keys = {plain.question_key}
+    keys = {plain.query_key}
     for settings in ({"hide_query_place": True}, {"leave_out": 2}, {"one_map": True}, {"query_triangulates": False}):
         other = opened(row, **settings)
         assert other.content_key == plain.content_key
-        keys.add(other.question_key)
+        keys.add(other.query_key)
     assert len(keys) == 5
 
 
@@ -320,7 +320,7 @@ def test_a_field_of_view_shows_the_objects_before_a_query_and_all_of_the_map(bui
         assert {frame.content for frame in after.references} == {whole.content_key}
         assert seen.content not in ("", whole.content_key)
     assert half.fingerprint == whole.fingerprint
-    assert half.question_key != whole.question_key
+    assert half.query_key != whole.query_key
 
 
 def test_missed_objects_of_queries_are_those_of_no_map_frame(building):

@@ -149,7 +149,7 @@ def test_a_folder_shows_its_queries_so_and_its_map_as_it_is(tmp_path: Path, sett
         assert (before.content or plain.content_key) != (after.content or narrowed.content_key)
         assert plain.truth(before.id) == narrowed.truth(after.id) or plain.truth(before.id).place
     assert plain.content_key != narrowed.content_key
-    assert plain.question_key != narrowed.question_key
+    assert plain.query_key != narrowed.query_key
     assert plain.fingerprint == narrowed.fingerprint
 
 

@@ -61,14 +61,14 @@ def test_doorways_are_common_up_to_their_maximum_distance():
     masks = line(*row_of_rooms())
     for shift_m, common in ((0.7, 2), (0.8, 1)):
         compared = compare_topologies(masks, line(*row_of_rooms(shift_m)))
-        assert (compared.given, compared.derived, compared.common) == (2, 2, common)
+        assert (compared.mask_doorways, compared.derived_doorways, compared.common_doorways) == (2, 2, common)
 
 
 def test_a_doorway_between_other_regions_is_not_common_and_counts_once():
     nodes = list(row_of_rooms())
     nodes[3] = door("a/c", 6.0, "a", "c")
     compared = compare_topologies(line(*row_of_rooms()), line(*nodes, door("b/a", 2.1, "b", "a")))
-    assert (compared.given, compared.derived, compared.common) == (2, 3, 1)
+    assert (compared.mask_doorways, compared.derived_doorways, compared.common_doorways) == (2, 3, 1)
 
 
 def test_route_errors_are_relative_and_lost_routes_are_counted():

@@ -39,7 +39,7 @@ from salframe.topology.building_map import by_place
 from salframe.topology.derived_floors import FloorPlan, derive_floors
 from training.floors.measures import adjusted_rand_index, compare_topologies
 
-SCORES = "given", "derived", "regions"
+SCORES = "floor masks", "derived floors", "derived regions"
 """Maps to compare: with floor masks; with derived floors and the true places; with derived regions as places."""
 
 
@@ -63,11 +63,11 @@ def on_grid(floor: FloorMasks, like: FloorMasks) -> FloorMasks:
     return FloorMasks(free, region, obstacle, like.resolution_m, like.origin_m, floor.regions, floor.z_m)
 
 
-def region_agreement(given: FloorMasks, derived: FloorMasks) -> float:
+def region_agreement(masks: FloorMasks, derived: FloorMasks) -> float:
     """Return the adjusted Rand index of the regions on the pixels that have a region in both floor masks."""
-    derived = on_grid(derived, given)
-    both = (given.region > 0) & (derived.region > 0)
-    return adjusted_rand_index(given.region[both], derived.region[both])
+    derived = on_grid(derived, masks)
+    both = (masks.region > 0) & (derived.region > 0)
+    return adjusted_rand_index(masks.region[both], derived.region[both])
 
 
 def localize_all(
@@ -88,25 +88,25 @@ def localize_all(
 def walk_all(
     dataset: Dataset,
     localizer: Localizer,
-    given: FloorWorld,
-    derived: FloorWorld,
+    world: FloorWorld,
+    derived_world: FloorWorld,
     count: int,
     seed: int,
     across: bool = False,
 ) -> dict[str, list[bool]]:
-    """Return whether an agent succeeds in each of `count` random episodes, in two worlds: "given", with floor masks,
-    and "derived", with derived floors. The episodes are the same in both worlds.
+    """Return whether an agent succeeds in each of `count` random episodes, in two worlds: `world`, with "floor masks",
+    and `derived_world`, with "derived floors". The episodes are the same in both worlds.
 
     Success depends on the distance to the goal along the floor masks. With `across`, each episode starts and ends on
     different storeys.
     """
     config = NavigationConfig()
-    site, derived_site = (Site(world, Guide(world.chart, config.planner)) for world in (given, derived))
-    episodes, _ = draw_episodes({given.id: site}, 10 * count if across else count, seed)
+    site, derived_site = (Site(one, Guide(one.chart, config.planner)) for one in (world, derived_world))
+    episodes, _ = draw_episodes({world.id: site}, 10 * count if across else count, seed)
     if across:
-        episodes = [one for one in episodes if not _is_on_one_floor(given, one)][:count]
+        episodes = [one for one in episodes if not _is_on_one_floor(world, one)][:count]
     success = {}
-    for name, agent_site in (("given", site), ("derived", derived_site)):
+    for name, agent_site in (("floor masks", site), ("derived floors", derived_site)):
         agent_localizer = AgentLocalizer(localizer, dataset.content_key, positioning=True)
         success[name] = [_walk(agent_site, site.guide, agent_localizer, episode, config, seed) for episode in episodes]
     return success
@@ -134,7 +134,7 @@ def _walk(
 def main(
     data: Annotated[str, typer.Argument(help="Preset of the dataset house")],
     seeds: Annotated[str, typer.Option(help="Seeds of the buildings, separated by commas")] = "200,201,202",
-    scenes_only: Annotated[bool, typer.Option(help="Leave out the frames in doorways")] = False,
+    without_transition_frames: Annotated[bool, typer.Option(help="Leave out the frames in doorways")] = False,
     localize: Annotated[bool, typer.Option(help="Measure the accuracy of localization")] = False,
     episodes: Annotated[int, typer.Option(help="Number of episodes of navigation per seed")] = 0,
 ) -> None:
@@ -148,19 +148,19 @@ def main(
             data, "proposed", None, ["data.rgb=false", f"data.seed={seed}"], None, None, print
         )
         frames = reference_frames(dataset)
-        used = [frame for frame in frames if frame.kind is FrameKind.SCENE or not scenes_only]
+        used = [frame for frame in frames if frame.kind is FrameKind.SCENE or not without_transition_frames]
         (masks,) = dataset.floors()
         plan = derive_floors(used)
         split = derive_floors([replace(frame, place=frame.id) for frame in used])
         from_masks = build_topology([masks], by_place(frames))
         compared = compare_topologies(from_masks, build_topology(plan.floors, by_place(used)))
-        doors += (compared.given, compared.derived, compared.common)
+        doors += (compared.mask_doorways, compared.derived_doorways, compared.common_doorways)
         errors.append(compared.route_errors)
         lost += compared.lost_routes + compared.false_routes
         agreements.append(region_agreement(masks, split.floors[0]))
         print(
-            f"{data} seed {seed}: {compared.given} doorways in the floor masks, {compared.derived} in the derived "
-            f"floors, {compared.common} in both; median error of the route lengths "
+            f"{data} seed {seed}: {compared.mask_doorways} doorways in the floor masks, {compared.derived_doorways} in "
+            f"the derived floors, {compared.common_doorways} in both; median error of the route lengths "
             f"{np.median(compared.route_errors):.2%} ({len(compared.route_errors)} routes), {compared.lost_routes} "
             f"lost routes (only in the floor masks), {compared.false_routes} false routes (only in the derived "
             f"floors); {len(masks.regions)} rooms, "
@@ -185,9 +185,9 @@ def main(
             clusters["navigation"] += [seed] * len(success)
             means = {name: np.mean(values) for name, values in scores["navigation"].items()}
             print("  navigation success so far", means, flush=True)
-    num_given, num_derived, common = doors.tolist()
+    num_masks, num_derived, common = doors.tolist()
     print(
-        f"{data}: {common} of {num_given} doorways of the floor masks found, {num_derived - common} of "
+        f"{data}: {common} of {num_masks} doorways of the floor masks found, {num_derived - common} of "
         f"{num_derived} derived doorways false"
     )
     every = np.concatenate(errors)

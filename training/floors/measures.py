@@ -21,34 +21,34 @@ class TopologyComparison:
     """Comparison of a derived topology with the topology of floor masks.
 
     Attributes:
-        given: Number of doorways of the masks.
-        derived: Number of doorways of the derived floors.
-        common: Number of doorways that both have: between the same two regions, at most MAX_DOOR_M apart.
+        mask_doorways: Number of doorways of the masks.
+        derived_doorways: Number of doorways of the derived floors.
+        common_doorways: Number of doorways that both have: between the same two regions, at most MAX_DOOR_M apart.
         route_errors: Relative errors of the lengths of routes between scene nodes that both topologies have.
         lost_routes: Number of routes of the masks that the derived topology does not have.
         false_routes: Number of routes that only the derived topology has.
     """
 
-    given: int
-    derived: int
-    common: int
+    mask_doorways: int
+    derived_doorways: int
+    common_doorways: int
     route_errors: np.ndarray
     lost_routes: int
     false_routes: int
 
 
-def compare_topologies(given: TopologicalMap, derived: TopologicalMap) -> TopologyComparison:
+def compare_topologies(from_masks: TopologicalMap, derived: TopologicalMap) -> TopologyComparison:
     """Compare a derived topology with the topology of floor masks."""
-    doors, derived_doors = _doors(given), _doors(derived)
+    doors, derived_doors = _doors(from_masks), _doors(derived)
     common = 0
     for pair, positions_m in doors.items():
         if pair in derived_doors:
             distance_m = cdist(positions_m, derived_doors[pair])
             rows, columns = linear_sum_assignment(np.where(distance_m <= MAX_DOOR_M, distance_m, 1e6))
             common += int((distance_m[rows, columns] <= MAX_DOOR_M).sum())
-    scenes = [node.id for node in given.nodes if node.kind is NodeKind.SCENE]
+    scenes = [node.id for node in from_masks.nodes if node.kind is NodeKind.SCENE]
     both = [id for id in scenes if any(node.id == id for node in derived.nodes)]
-    first, second = (_lengths_m(topology, both) for topology in (given, derived))
+    first, second = (_lengths_m(topology, both) for topology in (from_masks, derived))
     first, second = (lengths[np.triu_indices(len(both), 1)] for lengths in (first, second))
     is_compared = np.isfinite(first) & np.isfinite(second) & (first >= MIN_ROUTE_M)
     errors = np.abs(second[is_compared] / first[is_compared] - 1)

@@ -42,8 +42,8 @@ class StoreyResults:
         routes: Number of routes from one storey to the other that were found and use the stairs.
         errors: Relative errors of the lengths of these routes, compared with routes planned on the floor masks.
         localized: For each storey, whether the storey and the place of each answer are right.
-        walked: Success of each episode from one storey to the other, with the floor masks ("given") and with the
-            derived floors ("derived").
+        walked: Success of each episode from one storey to the other, with the "floor masks" and with the "derived
+            floors".
     """
 
     routes: int
@@ -125,7 +125,7 @@ def main(
             f"{is_place.mean():.1%} ({len(right)} queries)"
         )
     for name, success in results.walked.items():
-        print(f"navigation between storeys, {name} floors: {sum(success)} of {len(success)} episodes successful")
+        print(f"navigation between storeys, {name}: {sum(success)} of {len(success)} episodes successful")
 
 
 if __name__ == "__main__":

@@ -12,14 +12,14 @@ from salframe.framework.errors import SalframeError
 from salframe.framework.validation import validate
 from training.loftr_compact.export import export
 from training.loftr_compact.panoramas import render
-from training.loftr_compact.settings import Training
+from training.loftr_compact.settings import LoftrTrainingSettings
 from training.loftr_compact.train import train
 
 
 def main(
     folder: Annotated[Path, typer.Argument(help="Folder for checkpoint, log and ONNX files.")],
     overrides: Annotated[
-        list[str] | None, typer.Option("--set", help="Override a setting of Training, as key.path=value (repeatable).")
+        list[str] | None, typer.Option("--set", help="Override a training setting, as key.path=value (repeatable).")
     ] = None,
 ) -> None:
     """Render the panoramas, train and export. Steps that are done are skipped."""
@@ -27,7 +27,7 @@ def main(
     for text in overrides or []:
         settings = merge(settings, nest(*parse_override(text)))
     try:
-        config = validate(Training, settings, "training")
+        config = validate(LoftrTrainingSettings, settings, "training")
         buildings = max(stage.buildings for stage in config.stages)
         seeds = range(config.held_out_seed, config.held_out_seed + 1 + buildings)
         render(config.panoramas, seeds, lambda done, total: print(f"rendered {done} of {total} buildings", flush=True))

@@ -17,7 +17,7 @@ from salframe.framework.files.writing import atomic_path
 OPSET = 18
 
 
-class _Features(nn.Module):
+class _FeatureExtractor(nn.Module):
     """Maps an image (1, 1, h, w) to position-encoded tokens (1, L, C) of the coarse grid, and a fine map
     (1, D, h / 2, w / 2)."""
 
@@ -75,7 +75,12 @@ def export(network: loftr.LoFTR, folder: Path) -> None:
     tokens, points = torch.rand(1, 300, dims[-1]), torch.rand(40, dims[-1])
     windows = torch.rand(40, window, dims[0])
     parts: list[tuple[nn.Module, tuple[Tensor, ...], dict[str, dict[int, str]], list[str]]] = [
-        (_Features(network), (torch.rand(1, 1, 120, 160),), {"image": {2: "height", 3: "width"}}, ["tokens", "fine"]),
+        (
+            _FeatureExtractor(network),
+            (torch.rand(1, 1, 120, 160),),
+            {"image": {2: "height", 3: "width"}},
+            ["tokens", "fine"],
+        ),
         (
             _Coarse(network),
             (tokens, torch.rand_like(tokens)),

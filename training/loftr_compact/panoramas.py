@@ -19,7 +19,7 @@ from salframe.panoramas.geometry import pose_2d
 from training.loftr_compact.settings import Panoramas
 
 STYLES = ("home", "office", "hotel")
-SHOTS = ((0, "day"), (1, "day"), (0, "evening"), (2, "evening"), (3, "dim"))
+ROOM_PANORAMAS = ((0, "day"), (1, "day"), (0, "evening"), (2, "evening"), (3, "dim"))
 """Index of the position, and lighting, of each panorama of a room. Panoramas with another lighting than "day" show the
 building after objects were removed, moved or added."""
 
@@ -31,7 +31,7 @@ WORKERS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class GrayPanorama:
     """A panorama: `gray` (H, 2H) uint8, `range_m` (H, 2H) float16, NaN where unknown, and `T_world_pano` (4, 4)."""
 
     gray: np.ndarray
@@ -55,12 +55,12 @@ def render(config: Panoramas, seeds: Sequence[int], progress: Callable[[int, int
             progress(done, len(seeds))
 
 
-def read_rooms(config: Panoramas, seeds: Sequence[int]) -> list[tuple[Shot, ...]]:
-    """Return the shots of each room of the buildings, in a fixed order."""
-    rooms: dict[str, list[Shot]] = {}
+def read_rooms(config: Panoramas, seeds: Sequence[int]) -> list[tuple[GrayPanorama, ...]]:
+    """Return the panoramas of each room of the buildings, in a fixed order."""
+    rooms: dict[str, list[GrayPanorama]] = {}
     for path in sorted(path for seed in seeds for path in folder(config).glob(f"{seed}-*.npz")):
-        rooms.setdefault(path.stem.rpartition("-")[0], []).append(Shot(**read_arrays(path)))
-    return [tuple(shots) for shots in rooms.values()]
+        rooms.setdefault(path.stem.rpartition("-")[0], []).append(GrayPanorama(**read_arrays(path)))
+    return [tuple(panoramas) for panoramas in rooms.values()]
 
 
 def _render_building(config: Panoramas, seed: int) -> None:
@@ -81,7 +81,7 @@ def _render_building(config: Panoramas, seed: int) -> None:
         if not len(both):
             continue
         places = _places(both, rng)
-        for number, (place, light) in enumerate(SHOTS):
+        for number, (place, light) in enumerate(ROOM_PANORAMAS):
             path = folder(config) / f"{seed}-{room.id}-{number}.npz"
             if not path.exists():
                 rendering = renderers[light].render(places[place])
@@ -101,7 +101,7 @@ def _places(free_m: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
     away = np.linalg.norm(free_m - first, axis=1)
     near = free_m[(away >= NEAR_M) & (away <= FAR_M)]
     near = near if len(near) else free_m
-    others = near[rng.integers(len(near), size=max(place for place, _ in SHOTS))]
+    others = near[rng.integers(len(near), size=max(place for place, _ in ROOM_PANORAMAS))]
     return [pose_2d(*point, rng.uniform(-np.pi, np.pi), 1.5 + rng.uniform(-0.05, 0.05)) for point in (first, *others)]
 
 

@@ -25,7 +25,7 @@ class Stage(Settings):
     buildings: int = Field(ge=1, description="number of training buildings that pairs come from")
 
 
-class Training(Settings):
+class LoftrTrainingSettings(Settings):
     """All settings of a run."""
 
     seed: int = Field(0, ge=0)

@@ -21,8 +21,8 @@ from salframe.framework.errors import ConfigError
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.writing import atomic_path, write_json
 from training.loftr_compact.network import build, losses
-from training.loftr_compact.panoramas import Shot, read_rooms
-from training.loftr_compact.settings import Stage, Training
+from training.loftr_compact.panoramas import GrayPanorama, read_rooms
+from training.loftr_compact.settings import LoftrTrainingSettings, Stage
 from training.loftr_compact.view_pairs import PosedView, correspondences, draw_pair, photometric, warp
 
 CHECKPOINT, LOG, SETTINGS = "checkpoint.pt", "log.jsonl", "settings.json"
@@ -37,7 +37,7 @@ FINAL_RATE = 0.02
 class Pairs(Dataset):
     """Training pairs of a stage. Pair number n is always the same."""
 
-    def __init__(self, rooms: Sequence[Sequence[Shot]], stage: Stage, stage_number: int, seed: int) -> None:
+    def __init__(self, rooms: Sequence[Sequence[GrayPanorama]], stage: Stage, stage_number: int, seed: int) -> None:
         self._rooms, self._stage, self._key = rooms, stage, (seed, 0, stage_number)
 
     def __len__(self) -> int:
@@ -54,7 +54,7 @@ class Pairs(Dataset):
         }
 
 
-def train(config: Training, folder: Path, report: Callable[[dict[str, Any]], None]) -> loftr.LoFTR:
+def train(config: LoftrTrainingSettings, folder: Path, report: Callable[[dict[str, Any]], None]) -> loftr.LoFTR:
     """Train the network, or resume the run in a folder.
 
     Args:
@@ -77,7 +77,9 @@ def train(config: Training, folder: Path, report: Callable[[dict[str, Any]], Non
     return network.eval()
 
 
-def _work(rank: int, config: Training, folder: Path, report: Callable[[dict[str, Any]], None], meeting: str) -> None:
+def _work(
+    rank: int, config: LoftrTrainingSettings, folder: Path, report: Callable[[dict[str, Any]], None], meeting: str
+) -> None:
     """Train in one of several processes, on its share of every batch. The first process writes checkpoints and log."""
     torch.set_num_threads(1)
     torch.distributed.init_process_group("gloo", init_method=meeting, rank=rank, world_size=config.processes)
@@ -140,14 +142,14 @@ def _average(network: loftr.LoFTR) -> None:
         value.copy_(mean.view_as(value))
 
 
-def learning_rate(step: int, steps: int, config: Training) -> float:
+def learning_rate(step: int, steps: int, config: LoftrTrainingSettings) -> float:
     """Return the learning rate of a step: linear warm-up, peak, then a half cosine down to FINAL_RATE of the peak."""
     done = max(0.0, 1 - (steps - step) / config.decay_steps)
     fall = FINAL_RATE + (1 - FINAL_RATE) * (1 + math.cos(math.pi * done)) / 2
     return config.peak_learning_rate * min(1.0, (step + 1) / config.warmup_steps) * fall
 
 
-def draw_held_out(config: Training) -> list[tuple[PosedView, PosedView]]:
+def draw_held_out(config: LoftrTrainingSettings) -> list[tuple[PosedView, PosedView]]:
     """Return pairs of the held-out building at the run-time size."""
     rooms = read_rooms(config.panoramas, [config.held_out_seed])
     return [
@@ -179,7 +181,7 @@ def held_out_precision(network: torch.nn.Module, pairs: Sequence[tuple[PosedView
     return {"held_out_precision": float(np.mean(precision)), "held_out_matches": float(np.mean(count))}
 
 
-def _claim(folder: Path, config: Training) -> None:
+def _claim(folder: Path, config: LoftrTrainingSettings) -> None:
     path = folder / SETTINGS
     if path.exists() and read_json(path) != config.model_dump(mode="json"):
         raise ConfigError(

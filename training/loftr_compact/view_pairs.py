@@ -14,7 +14,7 @@ import numpy as np
 from salframe_keypoints.loftr_compact import STRIDE_PX
 
 from salframe.panoramas.geometry import invert_pose, pose_yaw, rays_to_pixels, sample_nearest, transform_points
-from training.loftr_compact.panoramas import Shot
+from training.loftr_compact.panoramas import GrayPanorama
 
 FOCAL_PX = 160.0
 """Focal length of the views of `loftr-compact` at run time: 320 pixels for 90 degrees."""
@@ -31,10 +31,10 @@ HOMOGRAPHIES = 0.3
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """A perspective view of a rendered panorama (`shot`), with a camera matrix (3, 3) and a rotation (3, 3) from camera
-    axes to the panorama frame. `size_px` is (width, height)."""
+    """A perspective view of a rendered panorama, with a camera matrix (3, 3) and a rotation (3, 3) from camera axes to
+    the panorama frame. `size_px` is (width, height)."""
 
-    shot: Shot
+    panorama: GrayPanorama
     camera: np.ndarray
     rotation: np.ndarray
     size_px: tuple[int, int]
@@ -57,9 +57,9 @@ class PosedView:
         """Return the grey perspective image that is cut from the panorama by bilinear interpolation, (h, w) uint8."""
         width, height = self.size_px
         y, x = np.mgrid[:height, :width] + 0.5
-        columns, rows = rays_to_pixels(self.bearings(np.column_stack([x.ravel(), y.ravel()])), len(self.shot.gray))
+        columns, rows = rays_to_pixels(self.bearings(np.column_stack([x.ravel(), y.ravel()])), len(self.panorama.gray))
         maps = ((a.reshape(height, width) - 0.5).astype(np.float32) for a in (columns, rows))
-        return cv2.remap(self.shot.gray, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        return cv2.remap(self.panorama.gray, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
 
     def grid(self) -> np.ndarray:
         """Return the (L, 2) float64 points of the coarse grid, row by row."""
@@ -74,12 +74,12 @@ def warp(points_px: np.ndarray, source: PosedView, target: PosedView) -> np.ndar
     distance from the target differs from the range in the target's panorama.
     """
     bearings = source.bearings(points_px)
-    points_m = bearings * sample_nearest(source.shot.range_m, bearings)[:, None].astype(np.float64)
-    target_m = transform_points(invert_pose(target.shot.T_world_pano) @ source.shot.T_world_pano, points_m)
+    points_m = bearings * sample_nearest(source.panorama.range_m, bearings)[:, None].astype(np.float64)
+    target_m = transform_points(invert_pose(target.panorama.T_world_pano) @ source.panorama.T_world_pano, points_m)
     finite = np.isfinite(target_m).all(1)
     range_m = np.where(finite, np.linalg.norm(target_m, axis=1), np.nan)
     target_m = np.where(finite[:, None], target_m, (1.0, 0.0, 0.0))
-    measured_m = sample_nearest(target.shot.range_m, target_m).astype(np.float64)
+    measured_m = sample_nearest(target.panorama.range_m, target_m).astype(np.float64)
     with np.errstate(invalid="ignore"):
         visible = finite & (np.abs(measured_m - range_m) < DEPTH_TOLERANCE * range_m)
     return np.where(visible[:, None], target.project(target_m), np.nan)
@@ -111,7 +111,7 @@ def _nearest_cell(points_px: np.ndarray, size_px: tuple[int, int]) -> np.ndarray
 
 
 def draw_pair(
-    rooms: Sequence[Sequence[Shot]], size_px: tuple[int, int], rng: np.random.Generator
+    rooms: Sequence[Sequence[GrayPanorama]], size_px: tuple[int, int], rng: np.random.Generator
 ) -> tuple[PosedView, PosedView]:
     """Return two random overlapping views of a room, from two panoramas or by a homography from one."""
     for _ in range(ATTEMPTS):
@@ -124,7 +124,7 @@ def draw_pair(
 
 
 def _draw_views(
-    room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator
+    room: Sequence[GrayPanorama], size_px: tuple[int, int], rng: np.random.Generator
 ) -> tuple[PosedView, PosedView]:
     """Return random views of two panoramas. As at run time, both look at about the same point of the room, or into the
     same direction of the world."""
@@ -152,16 +152,18 @@ def _draw_views(
 
 
 def _draw_homography(
-    room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator
+    room: Sequence[GrayPanorama], size_px: tuple[int, int], rng: np.random.Generator
 ) -> tuple[PosedView, PosedView]:
-    shot = room[rng.integers(len(room))]
+    panorama = room[rng.integers(len(room))]
     azimuth, focal = rng.uniform(-np.pi, np.pi), FOCAL_PX * rng.uniform(0.8, 1.25)
     first = PosedView(
-        shot, _camera(size_px, focal), _rotation(azimuth, rng.normal(0, 0.2), rng.normal(0, 0.1)), size_px
+        panorama, _camera(size_px, focal), _rotation(azimuth, rng.normal(0, 0.2), rng.normal(0, 0.1)), size_px
     )
     camera = _camera(size_px, focal * rng.uniform(0.7, 1.4), shear=rng.normal(0, 0.12), stretch=rng.uniform(0.85, 1.18))
     turn = rng.uniform(-0.5, 0.5) * np.arctan(size_px[0] / 2 / FOCAL_PX)
-    return first, PosedView(shot, camera, _rotation(azimuth + turn, rng.normal(0, 0.2), rng.normal(0, 0.25)), size_px)
+    return first, PosedView(
+        panorama, camera, _rotation(azimuth + turn, rng.normal(0, 0.2), rng.normal(0, 0.25)), size_px
+    )
 
 
 def _camera(size_px: tuple[int, int], focal_px: float, shear: float = 0.0, stretch: float = 1.0) -> np.ndarray:

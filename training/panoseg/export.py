@@ -22,7 +22,7 @@ DOUBT = 4.0
 each object class. Uncertain objects are therefore reported, with a low score."""
 
 
-class Answer(nn.Module):
+class ExportedNetwork(nn.Module):
     """Maps an input (B, 6, H, W) to class_id (B, H, W) uint8, score (B, H, W) float32 (the probability of the class),
     and vote_m (B, 3, H, W) float32.
 
@@ -55,7 +55,7 @@ def export(checkpoint: Path, path: Path, card: dict[str, Any]) -> Path:
     state = torch.load(checkpoint, map_location="cpu", weights_only=True)
     network = PanoSeg(len(card["labels"]) + 1)
     network.load_state_dict(state["network"])
-    answer = Answer(network, state["weights"]).eval()
+    answer = ExportedNetwork(network, state["weights"]).eval()
     example = torch.zeros(1, CHANNELS, HEIGHT, 2 * HEIGHT)
     with torch.no_grad(), atomic_path(path) as temporary:
         torch.onnx.export(

@@ -57,7 +57,7 @@ def render_panoramas(
     part: Part | None,
     progress: Callable[[int, int], None],
 ) -> list[Path]:
-    """Render `count` panoramas of the building of each seed into `root`, unless they exist.
+    """Render `count` panoramas of one building per seed into `root`, unless they exist.
 
     Args:
         root: Output folder.

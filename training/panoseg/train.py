@@ -44,7 +44,7 @@ LABELS = tuple(sorted(CLASSES))
 
 
 @dataclass(frozen=True)
-class Training:
+class PanoSegTrainingSettings:
     """Settings in training.yaml. Options of the command override them."""
 
     seed: int
@@ -109,7 +109,7 @@ def loss_of(
     return classes, vote_weight * functional.huber_loss(votes[on_object], vote_m[on_object], delta=0.1) / 0.1
 
 
-def parameter_groups(network: PanoSeg, settings: Training) -> list[dict[str, Any]]:
+def parameter_groups(network: PanoSeg, settings: PanoSegTrainingSettings) -> list[dict[str, Any]]:
     """Return the parameter groups of the optimizer.
 
     Pretrained layers have a smaller learning rate than new ones. The stem counts as new because of its range channels.
@@ -127,7 +127,7 @@ def reuse_freed_memory() -> None:
             libc.mallopt(parameter, value)
 
 
-def train(output: Path, paths: list[Path], settings: Training, encoder: Path, threads: int) -> Path:
+def train(output: Path, paths: list[Path], settings: PanoSegTrainingSettings, encoder: Path, threads: int) -> Path:
     """Train, or resume from the checkpoint in `output`. Return the path of the last checkpoint."""
     reuse_freed_memory()
     torch.set_num_threads(threads)
@@ -218,7 +218,7 @@ def main(
     """Render panoramas, train and export. Steps that are done are skipped."""
     content: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("training.yaml").read_text())
     content |= {key: value for key, value in {"steps": steps, "buildings": buildings}.items() if value is not None}
-    settings = Training(**content)
+    settings = PanoSegTrainingSettings(**content)
     output.mkdir(parents=True, exist_ok=True)
     seeds = range(settings.first_seed, settings.first_seed + settings.buildings)
     root = cache_home() / "panoseg" / ("training-models" if assets else "training")

@@ -31,7 +31,7 @@ from salframe.panoramas.photograph import lay_on_sphere, see_panorama
 from training.segments.calibration import brier, curve, fit, interval, left_out_scores, undo
 from training.segments.measures import (
     ROWS,
-    Counts,
+    ObjectCounts,
     Objects,
     accuracy,
     confusion,
@@ -41,7 +41,7 @@ from training.segments.measures import (
     one_structure,
     parts_of,
 )
-from training.segments.photographs import View, read_views
+from training.segments.photographs import LabelledPhotograph, read_views
 from training.segments.thirteen import CLASSES, class_of
 
 SCORES = (0.3, 0.5, 0.7)
@@ -95,7 +95,7 @@ def main(
     print(json.dumps(rounded, indent=1))
 
 
-def measure_views(model: Path, views: Sequence[View], settings: dict[str, Any]) -> dict[str, Any]:
+def measure_views(model: Path, views: Sequence[LabelledPhotograph], settings: dict[str, Any]) -> dict[str, Any]:
     """Return the pixel metrics of `segments` with a network for each configuration of VIEWS."""
     metrics = {}
     for number, fov_deg, height in VIEWS:
@@ -111,7 +111,7 @@ def measure_views(model: Path, views: Sequence[View], settings: dict[str, Any]) 
     return metrics
 
 
-def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str, Any]:
+def measure(detector: Detector, views: Sequence[LabelledPhotograph], height: int) -> dict[str, Any]:
     """Run a detector on photographs, and return its metrics by name."""
     results = [evaluate_view(detector, view, view.panorama(height)) for view in views]
     pixels = np.sum([result.pixels for result in results], 0)
@@ -140,7 +140,7 @@ def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str,
     return figures
 
 
-def evaluate_view(detector: Detector, view: View, panorama: Panorama) -> ViewResult:
+def evaluate_view(detector: Detector, view: LabelledPhotograph, panorama: Panorama) -> ViewResult:
     """Run a detector on the panorama of a photograph, and compare the result with the labels."""
     detections = detector.detect(panorama)
     if isinstance(detector, SegmentsDetector):
@@ -176,7 +176,7 @@ def class_image(detections: Detections) -> np.ndarray:
     return answer
 
 
-def shares(counts: Sequence[Counts]) -> dict[str, Any]:
+def shares(counts: Sequence[ObjectCounts]) -> dict[str, Any]:
     """Return precision and recall, each with its 95 % CI by a bootstrap over views."""
     total = sum(counts[1:], counts[0])
     figures: dict[str, Any] = dict(vars(total))

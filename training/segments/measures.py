@@ -20,7 +20,7 @@ OVERLAP = 0.5
 
 
 @dataclass(frozen=True)
-class Counts:
+class ObjectCounts:
     """Numbers of objects of a detector and of labelled parts, summed over views.
 
     Attributes:
@@ -37,8 +37,8 @@ class Counts:
     parts: int
     covered: int
 
-    def __add__(self, other: Counts) -> Counts:
-        return Counts(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
+    def __add__(self, other: ObjectCounts) -> ObjectCounts:
+        return ObjectCounts(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +131,7 @@ def parts_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return label[selected], masks[selected]
 
 
-def count(objects: Objects, parts: tuple[np.ndarray, np.ndarray], min_score: float) -> Counts:
+def count(objects: Objects, parts: tuple[np.ndarray, np.ndarray], min_score: float) -> ObjectCounts:
     """Count the correct objects with at least this score, and the labelled parts that they match or cover."""
     from scipy.optimize import linear_sum_assignment
 
@@ -146,7 +146,7 @@ def count(objects: Objects, parts: tuple[np.ndarray, np.ndarray], min_score: flo
         2 * (masks[label == class_id] > 0).any(0)[part].sum() > part.sum()
         for class_id, part in zip(part_label, part_masks, strict=True)
     )
-    return Counts(
+    return ObjectCounts(
         int(chosen.sum()),
         int(objects.named[chosen].sum()),
         int(matched[linear_sum_assignment(matched, maximize=True)].sum()),

@@ -23,7 +23,7 @@ STEPS_DEG = (45.0, 45.0, 45.0, 15.0, 15.0, 15.0, 15.0, 15.0)
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class LabelledPhotograph:
     """A photograph with its camera, and class ids (h, w) uint8 as in thirteen.CLASSES, 0 where unlabelled."""
 
     name: str
@@ -37,7 +37,7 @@ class View:
         return photograph_panorama(self.camera, self.name, self.rgb, self.depth_m, height=height)
 
 
-def read_views(folder: Path) -> Iterator[View]:
+def read_views(folder: Path) -> Iterator[LabelledPhotograph]:
     """Yield the labelled views of a folder with rgb/, depth/ (16 bits, millimetres, z-depth) and labels13/.
 
     Raises:
@@ -53,7 +53,7 @@ def read_views(folder: Path) -> Iterator[View]:
         pose = np.eye(4)
         pose[:3, :3] = upright(normals(depth_m, FOCAL_PX, CENTRE_PX))
         camera = Camera(width, height, FOCAL_PX, FOCAL_PX, *CENTRE_PX, T_base_camera=pose)
-        yield View(path.stem, camera, read_color(folder / "rgb" / path.name), depth_m, labels)
+        yield LabelledPhotograph(path.stem, camera, read_color(folder / "rgb" / path.name), depth_m, labels)
 
 
 def normals(depth_m: np.ndarray, focal_px: float, centre_px: tuple[float, float], step: int = 8) -> np.ndarray:

@@ -28,7 +28,7 @@ REFERENCES = "without signs", "signs, texts not compared", "shuffled"
 
 
 @dataclass(frozen=True)
-class Condition:
+class SignCondition:
     """Settings of one measurement.
 
     Attributes:
@@ -52,12 +52,12 @@ class Condition:
 
 
 CONDITIONS = {
-    "without signs": Condition(signs=False, texts=False),
-    "signs, texts not compared": Condition(texts=False),
-    "all signs correct": Condition(),
-    "shuffled": Condition(unreadable=0.3, wrong=0.7),
-    "30 % unreadable, 5 % wrong": Condition(unreadable=0.3, wrong=0.05),
-    "all signs wrong": Condition(wrong=1.0),
+    "without signs": SignCondition(signs=False, texts=False),
+    "signs, texts not compared": SignCondition(texts=False),
+    "all signs correct": SignCondition(),
+    "shuffled": SignCondition(unreadable=0.3, wrong=0.7),
+    "30 % unreadable, 5 % wrong": SignCondition(unreadable=0.3, wrong=0.05),
+    "all signs wrong": SignCondition(wrong=1.0),
 }
 """The measured conditions. In "shuffled", all readable signs of the queries have the number of another room."""
 

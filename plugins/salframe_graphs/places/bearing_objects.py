@@ -184,8 +184,8 @@ class BearingObjects(ObservedObjects):
         expected = log_area - 2 * np.log(RANGES_M) + errors.size_bias_log
         deviation = (self._log_solid_angle[i, None] - expected) / errors.size_error_log
         log_weight -= 0.5 * np.where(np.isfinite(deviation), deviation * deviation, 0)
-        largest = log_weight.max(1)
-        weight = np.exp(log_weight - largest[:, None])
+        max_log_weight = log_weight.max(1)
+        weight = np.exp(log_weight - max_log_weight[:, None])
         total = weight.sum(1)
         mean_m = weight @ RANGES_M / total
         variance_m2 = weight @ RANGES_M**2 / total - mean_m**2 + (RANGE_ERROR_SHARE * mean_m) ** 2
@@ -193,7 +193,7 @@ class BearingObjects(ObservedObjects):
         position = self._origin_m[0, i] + mean_m * x + 1j * (self._origin_m[1, i] + mean_m * y)
         ray = (x + 1j * y) / np.maximum(cosine, 1e-9)
         across_m2 = np.full(len(i), ACROSS_ERROR_M**2)
-        value = self.log_ratio[i, j] + largest + np.log(total / len(RANGES_M))
+        value = self.log_ratio[i, j] + max_log_weight + np.log(total / len(RANGES_M))
         return PairPoints(position, ray, variance_m2 * cosine**2 + across_m2, across_m2, value, np.zeros(len(i), bool))
 
     def residuals(self, i: np.ndarray, relative: RelativeObjects) -> Residuals:

@@ -135,8 +135,8 @@ class PlaceEvidence:
         """Index a map for all evidence components."""
         self.places, self._matching = places, matching
         for model in self._models:
-            own = [model.arrays_of(description) for description in descriptions]
-            model.index(own, places.scene_frames, places.T_world_pano)
+            arrays = [model.arrays_of(description) for description in descriptions]
+            model.index(arrays, places.scene_frames, places.T_world_pano)
 
     def open_index(self, packed: Columns, places: MapPlaces, matching: PanoramaScores) -> None:
         """Index an opened map for all evidence components."""

@@ -52,7 +52,7 @@ class SceneFrames(PlaceFrames):
 
         Args:
             names: (N,) indices of names.
-            frames_m: (S, 2) positions of all frames of the map in metres.
+            frames_m: (S, 2) positions of all reference frames in metres.
             xy_m: (N, 2) positions in metres. For a NaN position, the first frame of the name is returned.
 
         Returns:

@@ -43,7 +43,7 @@ class Windows:
         Args:
             index: The objects of the K places.
             scene_frames: The places and their scene frames.
-            frames_m: (S, 3) positions of the frames of the map.
+            frames_m: (S, 3) positions of the reference frames in metres.
             radius_m: Maximum distance of an object from a scene frame of the place.
         """
         self._index, self._scene_frames, self._frames_m, self._radius_m = index, scene_frames, frames_m, radius_m

@@ -83,12 +83,12 @@ def _resume(
 ) -> Result[Any]:
     engine: Engine = registry().build("engine", resolved.engine)
     dataset = open_dataset(resolved.data, progress and partial(progress, resolved.name), engine)
-    run.bind(dataset.question_key)
+    run.bind(dataset.query_key)
     for note in resolved.replacements:  # before the run, which may take long
         _log.info(note)
     survey = task.survey(dataset)
     for label, config in resolved.methods.items():
-        data = [dataset.content_key, dataset.question_key]
+        data = [dataset.content_key, dataset.query_key]
         key = {"task": identity, "data": data, "mode": task.mode(label), "method": identity_of(config)}
         map_format = {"map_format": MAP_FORMAT} if task.maps else {}  # rows hold the size of their maps
         run.reuse(label, digest({**key, **map_format}))

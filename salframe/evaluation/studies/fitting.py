@@ -196,7 +196,7 @@ def fit_method(
     provenance = {
         "method": {"name": method, "localizer": tuned.name, "identity": digest(identity(plain))},
         "data": [
-            {"name": tuning.name, "key": tuning.dataset.question_key, "queries": queries[tuning.name]}
+            {"name": tuning.name, "key": tuning.dataset.query_key, "queries": queries[tuning.name]}
             for tuning in tunings
         ],
         "set": list(overrides),

@@ -34,7 +34,7 @@ class Column(Generic[RowT]):
         heading: Text above the column. A line break may be printed as a space.
         cell: Returns the text of a row in this column.
         value: Returns the number by which rows are ranked. None: the column does not rank rows.
-        largest: Whether the largest number is the best. Otherwise the smallest number is the best.
+        larger_is_better: Whether the largest number is the best. Otherwise the smallest number is the best.
         cost: Whether the column shows a time, a size or memory.
         unmeasured: Whether `cell` is also called for rows of methods that were not measured.
     """
@@ -42,7 +42,7 @@ class Column(Generic[RowT]):
     heading: str
     cell: Callable[[RowT], str]
     value: Callable[[RowT], float | None] | None = None
-    largest: bool = True
+    larger_is_better: bool = True
     cost: bool = False
     unmeasured: bool = False
 
@@ -59,15 +59,15 @@ def _spread(shares: Sequence[float]) -> str:
     return f"{min(shares) * 100:.0f}-{max(shares) * 100:.0f}" if shares else NONE
 
 
-def share_column(heading: str, get: Callable[[RowT], float | None], *, largest: bool = True) -> Column[RowT]:
+def share_column(heading: str, get: Callable[[RowT], float | None], *, larger_is_better: bool = True) -> Column[RowT]:
     """Return a table column of shares as percent. `get` returns the share of a row, from 0 to 1; None: unknown."""
-    return Column(heading, lambda row: percent(get(row)), get, largest)
+    return Column(heading, lambda row: percent(get(row)), get, larger_is_better)
 
 
-def rate_column(heading: str, get: Callable[[RowT], Estimate | None], *, largest: bool = True) -> Column[RowT]:
+def rate_column(heading: str, get: Callable[[RowT], Estimate | None], *, larger_is_better: bool = True) -> Column[RowT]:
     """Return a table column of shares as percent with their 95 % confidence intervals. `get` returns the share of a
     row, from 0 to 1; None: unknown."""
-    return Column(heading, lambda row: interval(get(row)), _value_of(get), largest)
+    return Column(heading, lambda row: interval(get(row)), _value_of(get), larger_is_better)
 
 
 def number_column(heading: str, get: Callable[[RowT], float | None], digits: int) -> Column[RowT]:

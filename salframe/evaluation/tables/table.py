@@ -95,7 +95,7 @@ def _best(column: Column[RowT], rows: Sequence[RowT], alike: Sequence[int]) -> l
     }
     if len(set(values.values())) < 2:
         return []
-    top = max(values.values()) if column.largest else min(values.values())
+    top = max(values.values()) if column.larger_is_better else min(values.values())
     return [i for i, value in values.items() if value == top]
 
 

@@ -145,15 +145,19 @@ COLUMNS: dict[str, Column[LocalizationRow]] = {
     "average_precision": rate_column("average precision %\n(95 % CI)", lambda row: row.average_precision),
     "roc_area": rate_column("ROC area %\n(95 % CI)", lambda row: row.roc_area),
     "false_accept_rate": share_column(
-        "false accept rate %\nat 90 % accepted", lambda row: row.false_accept_rate, largest=False
+        "false accept rate %\nat 90 % accepted", lambda row: row.false_accept_rate, larger_is_better=False
     ),
-    "calibration_error": share_column("calibration\nerror %", lambda row: row.calibration_error, largest=False),
+    "calibration_error": share_column(
+        "calibration\nerror %", lambda row: row.calibration_error, larger_is_better=False
+    ),
     "log_loss": number_column("log loss\nnats", lambda row: row.log_loss, 3),
     "brier_score": number_column("Brier\nscore", lambda row: row.brier_score, 3),
     "right_not_accepted": rate_column(
-        "right: not\naccepted % (95 % CI)", lambda row: row.right_not_accepted, largest=False
+        "right: not\naccepted % (95 % CI)", lambda row: row.right_not_accepted, larger_is_better=False
     ),
-    "absent_accepted": rate_column("out of map:\naccepted % (95 % CI)", lambda row: row.absent_accepted, largest=False),
+    "absent_accepted": rate_column(
+        "out of map:\naccepted % (95 % CI)", lambda row: row.absent_accepted, larger_is_better=False
+    ),
     "bytes": bytes_column("bytes\n/panorama", lambda row: row.bytes_per_scene),
     "describe": cost_column("describe\nms", lambda row: row.describe_ms),
     "query": cost_column("query\nms", lambda row: row.query_ms),

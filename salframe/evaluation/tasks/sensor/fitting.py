@@ -41,7 +41,7 @@ class Observations:
     Attributes:
         panoramas: Number of panoramas.
         visibility: Visibility of the objects.
-        said: Label that the detector reported for each object; None if the object was not detected.
+        detected_labels: Label that the detector reported for each object; None if the object was not detected.
         bearing_rad: (M, 2) errors of the bearing of the M detected objects, to the left and up.
         range_log: (M,) errors of the logarithm of the range.
         size_log: (M,) errors of the logarithm of the size.
@@ -54,7 +54,7 @@ class Observations:
 
     panoramas: int
     visibility: ObjectVisibility
-    said: tuple[str | None, ...]
+    detected_labels: tuple[str | None, ...]
     bearing_rad: np.ndarray
     range_log: np.ndarray
     size_log: np.ndarray
@@ -67,7 +67,7 @@ class Observations:
     @property
     def is_detected(self) -> np.ndarray:
         """(N,) bool: whether each object was detected."""
-        return np.array([said is not None for said in self.said], bool)
+        return np.array([label is not None for label in self.detected_labels], bool)
 
     @property
     def right(self) -> np.ndarray:
@@ -75,7 +75,7 @@ class Observations:
         return np.array(
             [
                 detected is not None and common_label(detected) == common_label(label)
-                for detected, label in zip(self.said, self.visibility.labels, strict=True)
+                for detected, label in zip(self.detected_labels, self.visibility.labels, strict=True)
             ],
             bool,
         )
@@ -124,12 +124,12 @@ def _distances(detections: Detections, truth: Detections) -> np.ndarray:
 def observe(looks: Iterable[SensorSample]) -> Observations:
     """Match the detections of each panorama with its annotations, and collect the results."""
     looks = list(looks)
-    said: list[str | None] = []
+    detected_labels: list[str | None] = []
     errors, false = [np.zeros((0, 5))], [np.zeros((0, 3))]
     false_labels: list[str] = []
     for look in looks:
         index = match_objects(look.detections, look.truth)
-        said += [None if i < 0 else look.detections.labels[i] for i in index]
+        detected_labels += [None if i < 0 else look.detections.labels[i] for i in index]
         errors.append(_errors(look.detections.take(index[index >= 0]), look.truth.take(np.flatnonzero(index >= 0))))
         extra = look.detections.take(np.setdiff1d(np.arange(len(look.detections)), index))
         false_labels += extra.labels
@@ -145,7 +145,7 @@ def observe(looks: Iterable[SensorSample]) -> Observations:
     return Observations(
         panoramas=len(looks),
         visibility=together,
-        said=tuple(said),
+        detected_labels=tuple(detected_labels),
         bearing_rad=error[:, :2],
         range_log=error[:, 2],
         size_log=error[:, 3],
@@ -182,7 +182,7 @@ def fit_sensor(observations: Observations, provenance: Mapping[str, object]) -> 
     """Fit a sensor model (model of the errors of a detector) to observations. `provenance` has the fields of Provenance
     except for the counts."""
     confusion: dict[str, Counter[str]] = {}
-    for label, detected in zip(observations.visibility.labels, observations.said, strict=True):
+    for label, detected in zip(observations.visibility.labels, observations.detected_labels, strict=True):
         if detected is not None:
             confusion.setdefault(label, Counter())[detected] += 1
     false = (observations.false_range_m, observations.false_elevation_rad, observations.false_size_m)
@@ -191,7 +191,7 @@ def fit_sensor(observations: Observations, provenance: Mapping[str, object]) -> 
         provenance=Provenance(
             **provenance,
             panoramas=observations.panoramas,
-            objects=len(observations.said),
+            objects=len(observations.detected_labels),
             detected=int(observations.is_detected.sum()),
         ),
         detection=fit_detection(observations.visibility, observations.is_detected),

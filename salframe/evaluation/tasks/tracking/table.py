@@ -94,14 +94,14 @@ COLUMNS: dict[str, Column[TrackingRow]] = {
         "position error\nm (95 % CI)",
         lambda row: _metres(row.position_m),
         lambda row: None if row.position_m is None else row.position_m.value,
-        largest=False,
+        larger_is_better=False,
     ),
     "heading": number_column("heading error\ndegrees", lambda row: row.heading_deg, 1),
     "recovered": rate_column("recovered within\n8 views % (95 % CI)", lambda row: row.recovered),
     "right_later": rate_column("correct 8 views later\n% (95 % CI)", lambda row: row.right_later),
     "roc_area": rate_column("other building\nROC area % (95 % CI)", lambda row: row.roc_area),
     "tracking": rate_column("tracking %\n(95 % CI)", lambda row: row.tracking),
-    "tracking_elsewhere": replace(_ELSEWHERE, largest=False),
+    "tracking_elsewhere": replace(_ELSEWHERE, larger_is_better=False),
     "nees": number_column("NEES", lambda row: row.nees, 1),
 }
 DEFAULT_COLUMNS = tuple(COLUMNS)
