@@ -7,7 +7,16 @@ from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.score_calibration import ScoreCalibration
 from salframe.panoramas.geometry import equirectangular_rays
 from training.segments.calibration import apply, brier, curve, fit, interval, left_out_scores, undo
-from training.segments.measures import ROWS, accuracy, confusion, count, lay_objects, mean_iou, one_structure, parts_of
+from training.segments.measures import (
+    ROWS,
+    accuracy,
+    confusion,
+    count,
+    lay_objects,
+    mean_iou,
+    one_structure,
+    regions_of,
+)
 from training.segments.photographs import CENTRE_PX, FOCAL_PX, normals, upright
 from training.segments.thirteen import CLASSES, class_of
 
@@ -54,7 +63,7 @@ def points(rows, columns):
     return (2 * equirectangular_rays(ROWS)[mask]).astype(np.float32)
 
 
-def test_objects_are_matched_with_parts_of_the_labels():
+def test_objects_are_matched_with_labelled_regions():
     labels = np.zeros((ROWS, 2 * ROWS), np.uint8)
     labels[100:120, 100:200] = WALL
     labels[100:120, 110:130] = BED
@@ -71,14 +80,14 @@ def test_objects_are_matched_with_parts_of_the_labels():
             points(slice(0, 20), slice(0, 20)),  # where nobody labelled
         ],
     )
-    objects, parts = lay_objects(found, labels), parts_of(labels)
-    assert sorted(parts[0].tolist()) == sorted([BED, SOFA])
+    objects, regions = lay_objects(found, labels), regions_of(labels)
+    assert sorted(regions[0].tolist()) == sorted([BED, SOFA])
     assert objects.label.tolist() == [BED, SOFA, TABLE]
     assert objects.named.tolist() == [True, True, False]
-    low, high = count(objects, parts, 0.5), count(objects, parts, 0.7)
-    assert vars(low) == {"detected": 3, "named": 2, "true_positives": 1, "parts": 2, "covered": 1}
-    assert vars(high) == {"detected": 2, "named": 1, "true_positives": 1, "parts": 2, "covered": 1}
-    assert vars(low + high)["parts"] == 4
+    low, high = count(objects, regions, 0.5), count(objects, regions, 0.7)
+    assert vars(low) == {"detected": 3, "named": 2, "true_positives": 1, "regions": 2, "covered": 1}
+    assert vars(high) == {"detected": 2, "named": 1, "true_positives": 1, "regions": 2, "covered": 1}
+    assert vars(low + high)["regions"] == 4
 
 
 def test_the_fit_finds_the_logistic_function_and_the_card_applies_the_same():

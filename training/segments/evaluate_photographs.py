@@ -39,7 +39,7 @@ from training.segments.measures import (
     lay_objects,
     mean_iou,
     one_structure,
-    parts_of,
+    regions_of,
 )
 from training.segments.photographs import LabelledPhotograph, read_views
 from training.segments.thirteen import CLASSES, class_of
@@ -56,11 +56,11 @@ VIEWS = ((3, 120, 512), (4, 100, 512), (6, 90, 512), (6, 75, 512), (8, 75, 512),
 
 @dataclass(frozen=True, eq=False)
 class ViewResult:
-    """Result of a detector on a view: pixel confusion matrix, objects, and labelled parts."""
+    """Result of a detector on a view: pixel confusion matrix, objects, and labelled regions."""
 
     pixels: np.ndarray
     objects: Objects
-    parts: tuple[np.ndarray, np.ndarray]
+    regions: tuple[np.ndarray, np.ndarray]
 
 
 def main(
@@ -135,7 +135,7 @@ def measure(detector: Detector, views: Sequence[LabelledPhotograph], height: int
     }
     figures["curve"] = curve([result.objects.score for result in results], named)
     figures["objects"] = {
-        str(score): shares([count(result.objects, result.parts, score) for result in results]) for score in SCORES
+        str(score): shares([count(result.objects, result.regions, score) for result in results]) for score in SCORES
     }
     return figures
 
@@ -149,7 +149,7 @@ def evaluate_view(detector: Detector, view: LabelledPhotograph, panorama: Panora
         answers = [class_image(detections)]
     pixels = np.sum([confusion(view.labels, see_panorama(view.camera, answer)) for answer in answers], 0)
     laid = lay_on_sphere(view.camera, view.labels, ROWS, smooth=False)
-    return ViewResult(pixels, lay_objects(detections, laid), parts_of(laid))
+    return ViewResult(pixels, lay_objects(detections, laid), regions_of(laid))
 
 
 def class_pixels(detector: SegmentsDetector, panorama: Panorama, turn_deg: float) -> np.ndarray:
@@ -182,9 +182,9 @@ def shares(counts: Sequence[ObjectCounts]) -> dict[str, Any]:
     figures: dict[str, Any] = dict(vars(total))
     for metric, numerator, denominator in (
         ("named_precision", "named", "detected"),
-        ("covered_recall", "covered", "parts"),
+        ("covered_recall", "covered", "regions"),
         ("precision", "true_positives", "detected"),
-        ("recall", "true_positives", "parts"),
+        ("recall", "true_positives", "regions"),
     ):
         part, whole = (np.array([getattr(view, name) for view in counts]) for name in (numerator, denominator))
         figures[metric] = [float(part.sum() / whole.sum()), *interval(part, whole)] if whole.sum() else None
@@ -202,7 +202,7 @@ def show(figures: dict[str, Any]) -> None:
                 print(f"  {key}: accuracy {metrics[key]['accuracy']:.3f}, mean IoU {metrics[key]['mean_iou']:.3f}")
         for score, row in metrics["objects"].items():
             print(
-                f"  score >= {score}: {row['detected']} objects, {row['parts']} labelled parts;",
+                f"  score >= {score}: {row['detected']} objects, {row['regions']} labelled regions;",
                 ", ".join(
                     f"{key} {row[key][0]:.3f} ({row[key][1]:.2f} to {row[key][2]:.2f})"
                     for key in ("named_precision", "covered_recall", "precision", "recall")

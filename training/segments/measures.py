@@ -14,27 +14,29 @@ from training.segments.thirteen import CLASSES, STRUCTURE, class_of
 ROWS = 256
 """Height of the panorama on which objects are compared."""
 MIN_PIXELS = 13
-"""Minimum number of pixels of a labelled part that counts as an object: 2e-3 sr, the threshold of the detector."""
+"""Minimum number of pixels of a labelled region that counts as an object: 2e-3 sr, the threshold of the detector."""
 OVERLAP = 0.5
-"""Minimum intersection over union of an object and the labelled part that it matches."""
+"""Minimum intersection over union of a detected object and the labelled region that it matches."""
 
 
 @dataclass(frozen=True)
 class ObjectCounts:
-    """Numbers of objects of a detector and of labelled parts, summed over views.
+    """Number of detected objects, and number of labelled regions of the photographs, summed over views.
+
+    A labelled region is a connected area of pixels with the same class.
 
     Attributes:
         detected: Detected objects in labelled areas.
         named: Detected objects whose class is the class of the majority of their labelled pixels.
-        true_positives: Detected objects that match a part (OVERLAP).
-        parts: Labelled parts.
-        covered: Labelled parts whose pixels are mostly covered by detected objects of the same class.
+        true_positives: Detected objects that match a region (OVERLAP).
+        regions: Labelled regions.
+        covered: Labelled regions whose pixels are mostly covered by detected objects of the same class.
     """
 
     detected: int
     named: int
     true_positives: int
-    parts: int
+    regions: int
     covered: int
 
     def __add__(self, other: ObjectCounts) -> ObjectCounts:
@@ -115,7 +117,7 @@ def lay_objects(detections: Detections, labels: np.ndarray) -> Objects:
     return Objects(detections.scores[rows], 2 * right.sum(1) > mask.sum(1), label, mask)
 
 
-def parts_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def regions_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the objects in an image of class ids (ROWS, 2 ROWS): connected pixels of one class that is not structure.
 
     Returns:
@@ -131,25 +133,26 @@ def parts_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return label[selected], masks[selected]
 
 
-def count(objects: Objects, parts: tuple[np.ndarray, np.ndarray], min_score: float) -> ObjectCounts:
-    """Count the correct objects with at least this score, and the labelled parts that they match or cover."""
+def count(objects: Objects, regions: tuple[np.ndarray, np.ndarray], min_score: float) -> ObjectCounts:
+    """Count the detected objects with at least this score, the correct ones among them, and the labelled regions that
+    they match or cover."""
     from scipy.optimize import linear_sum_assignment
 
     chosen = objects.score >= min_score
     masks, label = objects.masks[chosen].astype(np.float32), objects.label[chosen]
-    part_label, part_masks = parts
-    common = masks @ part_masks.T.astype(np.float32)
-    union = masks.sum(1)[:, None] + part_masks.sum(1) - common
-    same = label[:, None] == part_label
+    region_label, region_masks = regions
+    common = masks @ region_masks.T.astype(np.float32)
+    union = masks.sum(1)[:, None] + region_masks.sum(1) - common
+    same = label[:, None] == region_label
     matched = same & (common > OVERLAP * union)
     covered = sum(
         2 * (masks[label == class_id] > 0).any(0)[part].sum() > part.sum()
-        for class_id, part in zip(part_label, part_masks, strict=True)
+        for class_id, part in zip(region_label, region_masks, strict=True)
     )
     return ObjectCounts(
         int(chosen.sum()),
         int(objects.named[chosen].sum()),
         int(matched[linear_sum_assignment(matched, maximize=True)].sum()),
-        len(part_label),
+        len(region_label),
         int(covered),
     )
