@@ -126,16 +126,21 @@ def suggest(name: str, known: Sequence[str]) -> str:
     return f", did you mean {close[0]!r}" if close else ""
 
 
-def unknown_key(noun: str, key: str, known: Sequence[str]) -> str:
+def unknown_key(noun: str, key: str, known: Sequence[str] | None, *, part: str | None = None, owner: str = "") -> str:
     """Return the message for an unknown key or setting, as `noun` calls it: the closest name and the known names.
 
     Args:
         noun: "key" or "setting".
-        key: The dotted key, whose last part is unknown.
-        known: The known names of the last part; empty if they cannot be determined.
+        key: The whole dotted key.
+        known: The known names of the unknown part; None if they cannot be determined.
+        part: The unknown part of the key; None for the last part.
+        owner: Name of the component or key that has the settings, for the message that it has none.
     """
-    listed = f" (known {noun}s: {', '.join(known)})" if known else ""
-    return f"unknown {noun} {key}{suggest(key.rpartition('.')[2], known)}{listed}"
+    if known:
+        end = f"{suggest(part or key.rpartition('.')[2], known)} (known {noun}s: {', '.join(known)})"
+    else:
+        end = "" if known is None else f": {owner} has no settings"
+    return f"unknown {noun} {key}{end}"
 
 
 def unknown(what: str, name: str, known: Sequence[str], failures: Sequence[object] = ()) -> str:

@@ -258,12 +258,15 @@ def test_a_yaml_with_an_unknown_key(data):
         ),
         (
             "method: objects\nvary: {lables: [set]}",
-            r"`vary` has the setting lables, which is not a setting of any method: unknown key 'lables', did you "
-            r"mean 'labels'",
+            r"sweep\.yaml: the key `vary` has an unknown setting lables, did you mean 'labels'",
         ),
         (
             "method: objects\nset: {detector.noize: none}\nvary: {labels: [set]}",
             r"unknown setting detector\.noize, did you mean 'noise' \(known settings: noise, seed\)",
+        ),
+        (
+            "method: objects\nvary: {objects.detector.noize: [none]}",
+            r"sweep\.yaml: unknown setting objects\.detector\.noize, did you mean 'noise'",
         ),
         ("method: objects\nvary: [labels", r"sweep\.yaml is not valid YAML"),
         ("- objects", r"sweep\.yaml contains a list, expected a mapping"),
