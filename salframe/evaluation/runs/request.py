@@ -247,14 +247,15 @@ def stand_in(
 
 
 def missing_requirement(config: ComponentConfig) -> str | None:
-    """Return why a configured component cannot run on this machine: a package or weights are missing.
+    """Return why a configured component cannot run on this machine: a package or weights are missing. The reason has no
+    hash.
 
     None if it can run. Also None if its check raises any other error, because the row of the method reports this error.
     """
     try:
         config.component.check(config)
     except (RequirementMissing, WeightsError) as error:
-        return str(error)
+        return error.brief
     except Exception:
         return None
     return None

@@ -135,7 +135,7 @@ def test_a_configuration_survives_json(models):
         ({"model": {"kind": "plain", "a": 2}}, r"^unknown setting mine\.model\.a: plain has no settings$"),
         (
             {"model": {"shar": 2, "share": 2}, "grid": {"size": 1}},
-            r"mine\.model\.share: received 2, .*; unknown setting mine\.model\.shar, .*; unknown setting mine\.grid\.si",
+            r"mine\.model\.share: received 2, .*; unknown setting mine\.model\.shar, .*; unknown setting mine\.grid",
         ),
         ({"model": 3}, r"mine\.model: received 3, expected the name of a saliency, or a mapping of settings"),
         ({"kind": "inner"}, r"mine: the key `kind` \(name of the component\) is 'inner', expected 'outer'"),
