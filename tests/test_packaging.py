@@ -98,7 +98,7 @@ def test_the_wheel_alone_runs_the_demo(sdist_and_wheel, tmp_path):
     pip_install(python, "--constraint", REPOSITORY / "constraints.txt", sdist_and_wheel[1])
     salframe = python.with_name("salframe")
     assert output(tmp_path, python, "-c", WHERE).count(str(tmp_path / "venv")) == 2
-    assert ", 0 plugin(s) failed" in output(tmp_path, salframe, "doctor")
+    assert ", no plugin failed" in output(tmp_path, salframe, "doctor")
     assert output(tmp_path, salframe, "docs", "maps").startswith("# ")
     demo = (salframe, "compare", "--methods", "proposed,loftr,objects", "--data", "house-6", "--json")
     accuracy = {row["method"]: row["accuracy"] for row in json.loads(output(tmp_path, *demo))["rows"]}

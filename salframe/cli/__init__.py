@@ -41,7 +41,7 @@ from salframe.cli import (
 )
 from salframe.cli.output import only_json, show_log
 from salframe.framework.components.entry_points import COMMANDS, discover
-from salframe.framework.errors import ConfigError, SalframeError, describe_error, one_line
+from salframe.framework.errors import ConfigError, SalframeError, describe_error, one_line, suggest
 
 _UsageError: Any = typer.BadParameter.__base__
 """Error for an option or argument that does not exist, is missing, or has an invalid value. Typer does not export this
@@ -70,8 +70,11 @@ class Commands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         command = super().get_command(ctx, cmd_name) or self._plugin_commands.get(cmd_name)
         if command is not None:
-            _join_lines(command)
+            _tidy_help(command, ctx)
         return command
+
+    def get_params(self, ctx: Any) -> Any:
+        return _without_flag_types(super().get_params(ctx))
 
     def invoke(self, ctx: Any) -> None:
         """Run a command. Convert a KeyboardInterrupt, and a SystemExit of a component, to exceptions that `main`
@@ -96,13 +99,25 @@ class Commands(TyperGroup):
             ) from stop
 
 
-def _join_lines(command: Any) -> None:
-    """Join the lines of each paragraph in the help of a command and its sub-commands. Typer keeps their line breaks."""
+def _tidy_help(command: Any, ctx: Any) -> None:
+    """Join the lines of each paragraph in the help of a command and its sub-commands, and hide the types of flags.
+
+    Typer keeps the line breaks, and shows flags as `--json <bool>`.
+    """
     if command.help:
         paragraphs = re.split(r"\n\s*\n", command.help)
         command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+    _without_flag_types(command.params if ctx is None else command.get_params(ctx))
     for child in getattr(command, "commands", {}).values():
-        _join_lines(child)
+        _tidy_help(child, ctx)
+
+
+def _without_flag_types(parameters: Any) -> Any:
+    """Return parameters whose help shows no type if they are flags, because flags take no value."""
+    for parameter in parameters:
+        if getattr(parameter, "is_bool_flag", False) and parameter.metavar is None:
+            parameter.metavar = ""
+    return parameters
 
 
 def _load_plugin_commands() -> dict[str, Any]:
@@ -255,11 +270,23 @@ def _fail_usage(error: Any) -> NoReturn:
     help is printed."""
     if type(error).__name__ != "NoArgsIsHelpError":  # typer does not export it
         hint = f"; see {error.ctx.command_path} --help" if error.ctx else ""
-        message = error.format_message().replace("Value error, ", "").rstrip(".")
+        message = _with_suggestion(error).replace("Value error, ", "").rstrip(".")
         _fail(describe_error(ConfigError(message + hint)))
     if error.message:
         error.show()
     sys.exit(2)
+
+
+def _with_suggestion(error: Any) -> str:
+    """Return the message of a usage error. If a command or option does not exist, the message suggests the closest
+    one, in place of the suggestions of Typer."""
+    if error.ctx and hasattr(error, "possibilities"):
+        options = [name for option in error.ctx.command.get_params(error.ctx) for name in option.opts]
+        return error.message + suggest(error.option_name, options)
+    message: str = error.format_message()
+    if error.ctx and (unknown_command := re.match(r"No such command '(.*?)'", message)):
+        return unknown_command[0] + suggest(unknown_command[1], error.ctx.command.list_commands(error.ctx))
+    return message
 
 
 def _fail(message: str) -> NoReturn:

@@ -42,7 +42,7 @@ def docs(
         return
     matches = [name for name in pages if page in (name, name.rpartition("/")[2])]
     if not matches:
-        raise UnknownName(unknown("page", page, [name.rpartition("/")[2] for name in pages]))
+        raise UnknownName(unknown("page", page, pages if "/" in page else [name.rpartition("/")[2] for name in pages]))
     match, *others = matches
     if others:
         tell(f"other pages with this name: {', '.join(others)}")

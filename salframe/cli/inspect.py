@@ -146,6 +146,7 @@ def doctor(verbose: Verbose = False, as_json: Json = False) -> None:
     """
     from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.components.installation import diagnose
+    from salframe.framework.errors import counted
 
     diagnosis = diagnose()
     if as_json:
@@ -159,7 +160,8 @@ def doctor(verbose: Verbose = False, as_json: Json = False) -> None:
         for name, missing in diagnosis.weights.items():
             short = missing if verbose else f"needs: salframe weights fetch {name}"
             print(f"weights {name}: {'ready' if missing is None else short}")
-        print(f"{len(diagnosis.environment['plugins'])} components, {len(diagnosis.failures)} plugin(s) failed to load")
+        failed = counted(len(diagnosis.failures), "plugin") if diagnosis.failures else "no plugin"
+        print(f"{len(diagnosis.environment['plugins'])} components, {failed} failed to load")
         for failure in diagnosis.failures:
             print(f"  {failure.plugin} of {failure.package}: {failure.reason}")
     if not diagnosis.healthy:

@@ -27,6 +27,8 @@ LIST_COLUMNS = ("help",)
 LINE_SECONDS = 30.0
 """Interval in seconds between progress lines, if stderr is not a terminal."""
 
+logged: set[str] = set()
+"""Log messages that this command has printed, which are not repeated below the result."""
 _json_out: TextIO | None = None
 
 
@@ -82,8 +84,10 @@ def show_log() -> None:
 
     class ToUser(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
+            logged.add(record.getMessage())
             tell(record.getMessage())
 
+    logged.clear()
     log = logging.getLogger("salframe")
     log.handlers, log.propagate = [ToUser()], False
     log.setLevel(logging.INFO)
@@ -91,7 +95,7 @@ def show_log() -> None:
 
 class Bars:
     """Shows the progress of tasks on stderr: a bar for each task, or a line every LINE_SECONDS if stderr is not a
-    terminal."""
+    terminal. The bars, or a last line after the other lines, show the final progress of each task."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -104,9 +108,10 @@ class Bars:
             TimeRemainingColumn(),
         )
         console = Console(stderr=True)
-        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
         self._bars: dict[str, TaskID] = {}
         self._counts: dict[str, tuple[int, int]] = {}
+        self._printed: dict[str, tuple[int, int]] = {}
         self._last = time.monotonic()
 
     def update(self, what: str, done: int, total: int) -> None:
@@ -115,23 +120,30 @@ class Bars:
             self._counts[what] = (done, total)
             if time.monotonic() - self._last >= LINE_SECONDS:
                 self._last = time.monotonic()
-                print(", ".join(self._progress_counts(what)), file=sys.stderr, flush=True)
+                self._print(
+                    {name: counts for name, counts in self._counts.items() if name == what or 0 < counts[0] < counts[1]}
+                )
             return
         if what not in self._bars:
             self._bars[what] = self._progress.add_task(what, total=total)
         self._progress.update(self._bars[what], completed=done, total=total)
 
-    def _progress_counts(self, latest: str) -> list[str]:
-        """Return the progress of the latest task, and of all tasks that are not finished, such as "render 3/12"."""
-        counts = self._counts.items()
-        return [f"{what} {done}/{total}" for what, (done, total) in counts if what == latest or 0 < done < total]
+    def _print(self, counts: dict[str, tuple[int, int]]) -> None:
+        """Print a line with the progress of tasks, such as "render 3/12"."""
+        self._printed |= counts
+        print(
+            ", ".join(f"{what} {done}/{total}" for what, (done, total) in counts.items()), file=sys.stderr, flush=True
+        )
 
     def __enter__(self) -> Bars:
         self._progress.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._progress.stop()
+        rest = {what: counts for what, counts in self._counts.items() if self._printed.get(what) != counts}
+        if kind is None and self._printed and rest:
+            self._print(rest)
 
 
 def print_columns(kinds: Iterable[type[AnyTask]], as_json: bool = False) -> None:

@@ -11,6 +11,8 @@ from rich import table as rich_table
 from rich.console import Console
 from rich.markup import escape
 
+from salframe.cli.output import logged
+
 if TYPE_CHECKING:
     from salframe.evaluation.runs.task import Result
     from salframe.evaluation.studies.experiment import ExperimentResult
@@ -73,7 +75,8 @@ def print_experiment(result: ExperimentResult, columns: Sequence[str] = ()) -> N
         if table.skipped is not None:
             _say(f"{table.name}: skipped: {table.skipped}")
         for note in () if table.fresh is None else table.fresh.notes:
-            _say(note)
+            if note not in logged:
+                _say(note)
     for source, reported in result.reported:
         _console().print(_reported([reported]))
         _say(f"{source}. {result.experiment.differs}")
@@ -201,8 +204,9 @@ def print_sensor(measurement: SensorMeasurement) -> None:
 
 
 def _print_notes(result: Result[Any] | StudyResult) -> None:
-    """Print the notes of a result, and for each method its remark and its numbers of failures by status."""
-    notes = list(result.notes)
+    """Print the notes of a result that were not printed before, and for each method its remark and its numbers of
+    failures by status."""
+    notes = [note for note in result.notes if note not in logged]
     for row in result.rows:
         failures = ", ".join(f"{count} {status}" for status, count in row.status.items() if status != "ok")
         if remarks := "; ".join(part for part in (row.remark, failures) if part):

@@ -191,7 +191,7 @@ def show_objects(
             provides = shot.panorama.provides
             if provides not in stages:
                 choice = Choice(image.name, partial(frozenset, provides))
-                stages[provides] = _Stages(validate(ShowConfig, content, "show-objects", choice))
+                stages[provides] = _Stages(validate(ShowConfig, content, "", choice))
                 notes |= dict.fromkeys(choice.notes)
             notes |= dict.fromkeys(f"{image.name}: {note}" for note in shot.panorama.notes)
             notes |= {f"warning: {note}": None for note in _range_notes(image, shot, encoding)}

@@ -5,6 +5,10 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Sequence
 
+MIN_SIMILARITY = 0.7
+"""Minimum similarity of a suggested name to the unknown one, the ratio of difflib: 0 (no common letter) to 1 (equal).
+A swap of two letters in a word of four has 0.75, and "matching" for "nothing" 0.67."""
+
 
 class SalframeError(Exception):
     """Base class of errors that the command line prints as one line without a traceback."""
@@ -27,11 +31,12 @@ class _Remediable(SalframeError):
 
     Attributes:
         remedy: The command or setting, such as "salframe weights fetch xfeat"; None if none is known.
+        brief: The message without details such as hashes.
     """
 
-    def __init__(self, message: str, remedy: str | None = None) -> None:
+    def __init__(self, message: str, remedy: str | None = None, brief: str | None = None) -> None:
         super().__init__(message)
-        self.remedy = remedy
+        self.remedy, self.brief = remedy, message if brief is None else brief
 
 
 class RequirementMissing(_Remediable):
@@ -122,20 +127,25 @@ def failure_of(call: Callable[[], object]) -> str | None:
 
 def suggest(name: str, known: Sequence[str]) -> str:
     """Return ", did you mean 'NAME'" with the known name that is closest to an unknown one; "" if none is close."""
-    close = difflib.get_close_matches(name, known, 1)
+    close = difflib.get_close_matches(name, known, 1, MIN_SIMILARITY)
     return f", did you mean {close[0]!r}" if close else ""
 
 
-def unknown_key(noun: str, key: str, known: Sequence[str]) -> str:
+def unknown_key(noun: str, key: str, known: Sequence[str] | None, *, part: str | None = None, owner: str = "") -> str:
     """Return the message for an unknown key or setting, as `noun` calls it: the closest name and the known names.
 
     Args:
         noun: "key" or "setting".
-        key: The dotted key, whose last part is unknown.
-        known: The known names of the last part; empty if they cannot be determined.
+        key: The whole dotted key.
+        known: The known names of the unknown part; None if they cannot be determined.
+        part: The unknown part of the key; None for the last part.
+        owner: Name of the component or key that has the settings, for the message that it has none.
     """
-    listed = f" (known {noun}s: {', '.join(known)})" if known else ""
-    return f"unknown {noun} {key}{suggest(key.rpartition('.')[2], known)}{listed}"
+    if known:
+        end = f"{suggest(part or key.rpartition('.')[2], known)} (known {noun}s: {', '.join(known)})"
+    else:
+        end = "" if known is None else f": {owner} has no settings"
+    return f"unknown {noun} {key}{end}"
 
 
 def unknown(what: str, name: str, known: Sequence[str], failures: Sequence[object] = ()) -> str:
@@ -146,6 +156,13 @@ def unknown(what: str, name: str, known: Sequence[str], failures: Sequence[objec
     if failures:
         message += f" {counted(len(failures), 'plugin')} failed to load: {', '.join(map(str, failures))}."
     return message
+
+
+def format_advice(received: object, present: int, older: str) -> str:
+    """Return what to do about a file whose format (an integer) is not the present one: to update salframe if the format
+    is newer, otherwise the advice `older`."""
+    is_newer = isinstance(received, int) and received > present
+    return "a newer version of salframe wrote it, pip install --upgrade salframe" if is_newer else older
 
 
 def counted(count: int, noun: str) -> str:

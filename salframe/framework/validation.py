@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import UnionType
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
+from salframe.framework.config import Override
 from salframe.framework.errors import ConfigError, SalframeError, counted, one_line, shorten, unknown_key
 
 MAX_PROBLEMS = 3
@@ -59,7 +60,13 @@ def check_size(value: Any, key: str = "") -> None:
             check_size(part, f"{key}.{name}" if key else str(name))
 
 
-def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, choice: object = None) -> Any:
+def validate(
+    model: type[BaseModel],
+    settings: Mapping[str, Any],
+    where: str,
+    choice: object = None,
+    overrides: Sequence[Mapping[str, Any]] = (),
+) -> Any:
     """Return an instance of `model` with validated settings.
 
     Args:
@@ -68,6 +75,8 @@ def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, ch
         where: Location of the settings for messages: the dotted key that holds them, or a file name and a colon.
         choice: The `Choice` that selects the components of slots (settings that hold a component) with the value
             `auto`. Without it, these slots keep the placeholder `Undecided`.
+        overrides: Mappings that were merged into the settings. For each `Override` among them, messages show the key
+            that the user wrote, instead of `where` and the key.
 
     Raises:
         ConfigError: A setting is invalid. The message names the key, the received value and the expected value.
@@ -75,10 +84,55 @@ def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, ch
     try:
         return model.model_validate(settings, context=choice)
     except ValidationError as error:
-        raise ConfigError(describe_faults(error, where, model)) from None
-    except OSError as error:  # a path among the settings is invalid for the file system
-        reason = f"{error.strerror or one_line(error)}: {shorten(str(error.filename))}"
-        raise ConfigError(f"{where.rstrip(':')}: {reason}, expected the path of a file or folder") from None
+        raise ConfigError(describe_faults(error, where, model, overrides)) from None
+    except OSError as error:
+        raise ConfigError(f"{where.rstrip(':')}: {_path_fault(error)}".removeprefix(": ")) from None
+
+
+class InvalidComponent(ValueError):
+    """Settings of a component in a slot (a setting that holds a component) are invalid.
+
+    Attributes:
+        error: The errors of the settings.
+        model: The model of the settings.
+        keys: The keys of the component below the slot: its number in a list of components, otherwise none.
+        note: A remark on the choice of the component, or "".
+    """
+
+    def __init__(
+        self, error: ValidationError, model: type[BaseModel], keys: tuple[str, ...] = (), note: str = ""
+    ) -> None:
+        super().__init__(describe_faults(error, "", model))
+        self.error, self.model, self.keys, self.note = error, model, keys, note
+
+
+def validate_component(
+    model: type[BaseModel], settings: Mapping[str, Any], choice: object, keys: tuple[str, ...] = (), note: str = ""
+) -> Any:
+    """Validate the settings of a component in a slot, inside the validation of the settings with the slot.
+
+    Args:
+        model: The model of the settings.
+        settings: The settings.
+        choice: As in `validate`.
+        keys: See InvalidComponent.
+        note: See InvalidComponent.
+
+    Raises:
+        ValueError: A setting is invalid. `validate` reports it with the key of the slot.
+    """
+    try:
+        return model.model_validate(settings, context=choice)
+    except ValidationError as error:
+        raise InvalidComponent(error, model, keys, note) from None
+    except OSError as error:
+        raise ValueError(_path_fault(error)) from None
+
+
+def _path_fault(error: OSError) -> str:
+    """Describe the error of a path among the settings that is invalid for the file system."""
+    reason = f"{error.strerror or one_line(error)}: {shorten(str(error.filename))}"
+    return f"{reason}, expected the path of a file or folder"
 
 
 _EXPECTED = {
@@ -106,14 +160,23 @@ _COMPARISONS = ("greater_than", "greater_than_equal", "less_than", "less_than_eq
 """Types of errors whose message compares with a number."""
 
 
-def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:
-    """Describe validation errors in one line: the first MAX_PROBLEMS errors, and the number of the others."""
-    faults = [(_walk(model, fault["loc"]), fault) for fault in error.errors() if not _follows_from_items(fault)]
+def describe_faults(
+    error: ValidationError,
+    where: str,
+    model: type[BaseModel] | None = None,
+    overrides: Sequence[Mapping[str, Any]] = (),
+) -> str:
+    """Describe validation errors in one line: the first MAX_PROBLEMS errors, and the number of the others.
+
+    For the arguments, see `validate`.
+    """
+    notes: dict[str, None] = {}
+    faults = list(_list_faults(error, model, notes))
     inside = {union for location, _ in faults for union in location.unions}
     problems: dict[str, list[str]] = {}  # a value that may have several types has one error for each type
     for location, fault in faults:
         if location.mismatch not in inside:
-            received, expected = _problem(location, fault, where)
+            received, expected = _problem(location, fault, where, overrides)
             problems.setdefault(received, []).extend([expected] if expected else [])
     lines = [
         f"{received}, expected {' or '.join(dict.fromkeys(expected))}" if expected else received
@@ -121,7 +184,7 @@ def describe_faults(error: ValidationError, where: str, model: type[BaseModel] |
     ]
     rest = len(lines) - MAX_PROBLEMS
     more = f"; and {rest} more {'error' if rest == 1 else 'errors'}" if rest > 0 else ""
-    return "; ".join(lines[:MAX_PROBLEMS]) + more
+    return "; ".join(lines[:MAX_PROBLEMS]) + more + "".join(f" ({note})" for note in notes)
 
 
 class _Location(NamedTuple):
@@ -129,7 +192,7 @@ class _Location(NamedTuple):
 
     Attributes:
         keys: Nested keys of the value.
-        fields: Names of the settings beside the last key; empty if they are not known.
+        model: Model of the settings beside the last key; None if it is not known.
         unions: The keys of each value that may have several types, and that has one of them, because the error is
             inside the value.
         mismatch: The keys of a value that may have several types, if it has none of them or not the one that the error
@@ -137,15 +200,36 @@ class _Location(NamedTuple):
     """
 
     keys: tuple[str, ...]
-    fields: tuple[str, ...]
+    model: type[BaseModel] | None
     unions: frozenset[tuple[str, ...]]
     mismatch: tuple[str, ...] | None
+
+    def below(self, keys: tuple[str, ...]) -> _Location:
+        """Return the location with more keys before its own."""
+        unions = frozenset((*keys, *union) for union in self.unions)
+        return _Location(
+            (*keys, *self.keys), self.model, unions, None if self.mismatch is None else (*keys, *self.mismatch)
+        )
+
+
+def _list_faults(
+    error: ValidationError, model: type[BaseModel] | None, notes: dict[str, None]
+) -> Iterator[tuple[_Location, Any]]:
+    """Yield validation errors with their locations, also those of components in slots, and add their notes."""
+    for fault in error.errors():
+        location, cause = _walk(model, fault["loc"]), fault.get("ctx", {}).get("error")
+        if isinstance(cause, InvalidComponent):
+            notes |= {cause.note: None} if cause.note else {}
+            for inner, inner_fault in _list_faults(cause.error, cause.model, notes):
+                yield inner.below((*location.keys, *cause.keys)), inner_fault
+        elif not _follows_from_items(fault):
+            yield location, fault
 
 
 def _walk(model: type[BaseModel] | None, loc: Sequence[int | str]) -> _Location:
     """Return a location in a model, without the names of types that pydantic adds."""
     types: list[Any] = [model] if model else []
-    fields: tuple[str, ...] = ()
+    beside: type[BaseModel] | None = None
     keys: list[str] = []
     tagged: list[tuple[str, ...]] = []
     for part in loc:
@@ -155,11 +239,11 @@ def _walk(model: type[BaseModel] | None, loc: Sequence[int | str]) -> _Location:
             types = alike or types
             tagged.append(tuple(keys))
             continue
-        fields = tuple(name for one in models for name in one.model_fields) if len(models) == 1 else ()
+        beside = models[0] if len(models) == 1 else None
         types = [inner for one in types for inner in _types_below(one, part)]
         keys.append(str(part))
     here = tuple(keys)
-    return _Location(here, fields, frozenset(tagged) - {here}, here if here in tagged else None)
+    return _Location(here, beside, frozenset(tagged) - {here}, here if here in tagged else None)
 
 
 def _types_below(kind: Any, key: int | str) -> list[Any]:
@@ -192,23 +276,31 @@ def _follows_from_items(problem: Any) -> bool:
     )
 
 
-def _problem(location: _Location, problem: Any, where: str) -> tuple[str, str]:
+def _problem(location: _Location, problem: Any, where: str, overrides: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     """Return a validation error as two texts: the key and the received value, and the expected value or ""."""
-    file, key = _place(location.keys, where)
+    file, key = _place(location.keys, where, overrides)
     noun = "key" if file else "setting"
     prefix = f"{file}: " if file else ""
     if problem["type"] == "extra_forbidden":
-        return prefix + unknown_key(noun, key, [name for name in location.fields if name != "kind"]), ""
+        model = location.model
+        known = None if model is None else [name for name in model.model_fields if name != "kind"]
+        component = getattr(model, "component", None)
+        owner = component.name if component else key.rpartition(".")[0]
+        return prefix + unknown_key(noun, key, known, owner=owner), ""
     if problem["type"] == "missing":
         return f"{prefix}the required {noun} {key} is missing", ""
     start = f"{prefix}{noun} {key}" if key else file
     if isinstance(cause := problem.get("ctx", {}).get("error"), Exception):
-        return str(cause) if isinstance(cause, SalframeError) else f"{start}: {cause}", ""
+        return str(cause) if isinstance(cause, SalframeError) else f"{start}: {cause}".removeprefix(": "), ""
     return f"{start}: received {shorten(repr(problem['input']))}{_count(problem)}", _expected(problem)
 
 
-def _place(keys: Sequence[str], where: str) -> tuple[str, str]:
-    """Return the file of a setting, "" for none, and the dotted key of the setting. For `where`, see `validate`."""
+def _place(keys: tuple[str, ...], where: str, overrides: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Return the file of a setting, "" for none, and the dotted key of the setting. For the arguments, see
+    `validate`."""
+    for override in reversed(overrides):
+        if isinstance(override, Override) and (key := override.spell(keys)):
+            return "", key
     file, _, above = (where[:-1], "", "") if where.endswith(":") else where.rpartition(": ")
     return file, ".".join([above, *keys] if above else keys)
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.config import read_yaml
+from salframe.framework.errors import MIN_SIMILARITY
 from salframe.graphs.detections import Detections
 from salframe.panoramas.label_table import spelling
 
@@ -25,8 +26,6 @@ MAX_LABELS = 5
 """Maximum number of unknown labels to name in a note."""
 MAX_NEAR_NAMES = 3
 """Maximum number of names that resemble an unknown label."""
-_MIN_SIMILARITY = 0.75
-"""Minimum similarity of an unknown label and a word of the vocabulary, as `difflib` computes it."""
 _BETWEEN_SYNONYMS = re.compile(r"; ?|, ")
 """Separators in a label that lists synonyms, as in the classes of ADE20K ("sofa, couch, lounge")."""
 _PLURAL = re.compile(r"[a-z]{2,}[b-hj-rtv-z]s")
@@ -116,7 +115,7 @@ def is_object(name: str) -> bool | None:
 def near_names(label: str) -> tuple[str, ...]:
     """Return the names in the vocabulary that resemble a label, best first, at most MAX_NEAR_NAMES."""
     names = _names()
-    close = difflib.get_close_matches(object_label(label), names, MAX_NEAR_NAMES, _MIN_SIMILARITY)
+    close = difflib.get_close_matches(object_label(label), names, MAX_NEAR_NAMES, MIN_SIMILARITY)
     return tuple(dict.fromkeys(names[word] for word in close))
 
 

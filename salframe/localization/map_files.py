@@ -21,7 +21,7 @@ from pydantic import BaseModel, Field
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.errors import ConfigError, DataError, format_advice
 from salframe.framework.files.array_files import MAX_READ_BYTES, ArrayKind, FileStamp, map_array
 from salframe.framework.files.columns import Columns, Row, read_columns, write_columns
 from salframe.framework.files.hashes import digest, file_sha256
@@ -323,7 +323,8 @@ def _read_manifest(directory: Path) -> _MapManifest:
     content = read_json(path)
     if isinstance(content, Mapping) and content.get("format") != MAP_FORMAT:
         received = f"has map format {content['format']}" if "format" in content else f"has no `format` in {MAP}"
-        raise DataError(f"{directory} {received}, expected {MAP_FORMAT}: build the map again")
+        advice = format_advice(content.get("format"), MAP_FORMAT, "build the map again")
+        raise DataError(f"{directory} {received}, expected {MAP_FORMAT}: {advice}")
     return read_model(path, _MapManifest)
 
 

@@ -60,7 +60,7 @@ def prepare(
     data_name, config = configure_dataset(data, data_dir, scoped.scopes["data"])
     choice = Choice(data_name, partial(provided, config))
     localizer: Localizer = registry().build(
-        "localizer", configure("localizer", name, content, scoped.methods[name], choice)
+        "localizer", configure("localizer", requested, content, scoped.methods[name], choice)
     )
     for note in choice.notes:
         tell(f"{name}: {note}")

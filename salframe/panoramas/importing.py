@@ -13,7 +13,7 @@ import numpy as np
 
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
-from salframe.framework.config import nest, parse_override
+from salframe.framework.config import Override, parse_override
 from salframe.framework.errors import ConfigError, DataError, counted, describe_error
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.writing import atomic_path, lock_folder, write_json, write_text
@@ -91,7 +91,7 @@ def find_importer(format: str, settings: Sequence[str] = ()) -> Importer:
         ConfigError: A setting is invalid.
         RequirementMissing: A package is not installed.
     """
-    overrides = [nest(path, value) for path, value in map(parse_override, settings)]
+    overrides = [Override(path, value) for path, value in map(parse_override, settings)]
     importer: Importer = registry().build("importer", configure("importer", format, {"kind": format}, overrides))
     return importer
 

@@ -49,7 +49,7 @@ def configure_dataset(
         name, content = short_name(data), settings("dataset", data)
     if data_dir is not None:
         content = merge(content, {"root": str(Path(data_dir).resolve())})
-    return name, configure("dataset", name, content, overrides)
+    return name, configure("dataset", name if folder.is_dir() else data, content, overrides)
 
 
 def open_dataset(

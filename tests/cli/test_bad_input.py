@@ -209,6 +209,14 @@ def test_another_method_in_the_place_of_one_that_cannot_run_is_named(data):
     )
 
 
+def test_the_note_on_another_method_is_printed_once_before_the_run(data):
+    done = run("compare", "--methods", "loftr", "--data", "./data", "--engine", "inline")
+    assert done.err.count("loftr-compact is used instead of loftr: ") == 1
+    assert "is used instead of" not in done.out
+    assert "loftr-compact (for loftr)" in " ".join(done.out.split())
+    assert not re.search(r"[0-9a-f]{64}", done.err + done.out)
+
+
 BROKEN_PLUGINS = {
     "import": ("import no_such_package", "ModuleNotFoundError: No module named 'no_such_package'"),
     "syntax": ("def salframe_provides(:", "SyntaxError: invalid syntax"),
@@ -258,12 +266,15 @@ def test_a_yaml_with_an_unknown_key(data):
         ),
         (
             "method: objects\nvary: {lables: [set]}",
-            r"`vary` has the setting lables, which is not a setting of any method: unknown key 'lables', did you "
-            r"mean 'labels'",
+            r"sweep\.yaml: the key `vary` has an unknown setting lables, did you mean 'labels'",
         ),
         (
             "method: objects\nset: {detector.noize: none}\nvary: {labels: [set]}",
             r"unknown setting detector\.noize, did you mean 'noise' \(known settings: noise, seed\)",
+        ),
+        (
+            "method: objects\nvary: {objects.detector.noize: [none]}",
+            r"sweep\.yaml: unknown setting objects\.detector\.noize, did you mean 'noise'",
         ),
         ("method: objects\nvary: [labels", r"sweep\.yaml is not valid YAML"),
         ("- objects", r"sweep\.yaml contains a list, expected a mapping"),

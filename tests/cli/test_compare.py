@@ -96,8 +96,14 @@ def test_ablate_runs_every_combination(fakes, tmp_path):
         ),
         ({"method": "reader", "vary": {"offset": []}}, "`vary` has no values for offset"),
         ({"method": "reader", "vary": {"offset": 1}}, "vary.offset"),
-        ({"method": "reader", "vary": {"data.romms": [1, 2]}}, "unknown setting rooms.romms"),
-        ({"method": "reader", "vary": {"ofset": [1]}}, "unknown key 'ofset', did you mean 'offset'?"),
+        (
+            {"method": "reader", "vary": {"data.romms": [1, 2]}},
+            "wrong.yaml: unknown setting data.romms, did you mean 'rooms'",
+        ),
+        (
+            {"method": "reader", "vary": {"ofset": [1]}},
+            "unknown setting ofset, did you mean 'offset' (known settings: ",
+        ),
     ],
 )
 def test_a_wrong_ablation_file_is_one_line(fakes, tmp_path, content, message):

@@ -28,4 +28,8 @@ def test_a_page_is_printed_by_its_name_or_its_path():
 def test_an_unknown_page_is_one_line():
     done = run("docs", "map")
     assert done.code == 2
-    assert done.err.startswith("error: unknown page 'map', did you mean")
+    assert done.err.startswith("error: unknown page 'map', did you mean 'maps'? Known: index, ")
+
+
+def test_an_unknown_path_of_a_page_is_compared_with_paths():
+    assert run("docs", "how-to/map").err.startswith("error: unknown page 'how-to/map', did you mean 'how-to/maps'? ")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -69,11 +70,11 @@ def test_every_command_has_help():
         ),
         (
             ["compare", "--methods", "reader", "--data", "rooms", "--set", "offset=far"],
-            "reader.offset: received 'far', expected",
+            "setting offset: received 'far', expected",
         ),
         (
             ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.size=1"],
-            "unknown setting rooms.size (known settings: rooms,",
+            "unknown setting data.size (known settings: rooms,",
         ),
         (
             ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.rooms=0"],
@@ -122,6 +123,7 @@ def test_a_plugin_that_fails_to_import_is_told_and_stops_nothing(fakes, monkeypa
     assert "failed to load (ModuleNotFoundError: No module named 'no_such_plugin')" in done.err
     checked = run("doctor")
     assert checked.code == 1
+    assert re.search(r"\d+ components, 1 plugin failed to load\n", checked.out)
     assert "no_such_plugin: ModuleNotFoundError" in checked.out
 
 
@@ -203,6 +205,32 @@ def test_the_summaries_of_subcommands_fit_one_line_of_80_columns():
         frame = max(map(len, subcommands)) + 6  # the names, a gap of 2, and the frame with its margin on both sides
         long = [name for name, one in subcommands.items() if frame + len(one.help.partition("\n")[0]) > 79]
         assert long == []
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["data", "lst"], "No such command 'lst', did you mean 'list'; see salframe data --help"),
+        (["comprae"], "No such command 'comprae', did you mean 'compare'; see salframe --help"),
+        (["qqq"], "No such command 'qqq'; see salframe --help"),
+        (["compare", "--metod"], "No such option: --metod, did you mean '--methods'; see salframe compare --help"),
+    ],
+)
+def test_a_usage_error_is_one_sentence_with_the_closest_name(words, message):
+    done = run(*words)
+    start, _, end = message.partition("; see salframe")
+    assert done.code == 2
+    assert re.fullmatch(rf"error: {re.escape(start)}; see \S.*{re.escape(end)}\n", done.err)
+
+
+@pytest.mark.parametrize("command", [(), ("compare",), ("docs",), ("map",), ("map", "build"), ("localize",)])
+def test_help_shows_types_of_values_but_not_of_flags(command):
+    lines = run(*command, "--help").out.splitlines()
+    flags = [line for line in lines if re.search(r"--(debug|version|json|help)\b", line)]
+    assert flags
+    assert not [line for line in flags if re.search("bool", line, re.IGNORECASE)]
+    if command == ("compare",):
+        assert [line for line in lines if re.search(r"--seed +N ", line)]
 
 
 def test_the_paragraphs_of_help_have_no_line_breaks_of_their_own():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -123,6 +124,7 @@ def test_off_a_terminal_progress_is_a_line_now_and_then(clock, capsys):
     told = capsys.readouterr()
     assert told.out == ""
     expected = ["house 30/100, reader 58/200", "house 60/100, reader 118/200", "house 90/100, reader 178/200"]
+    expected.append("house 100/100, reader 200/200")
     assert told.err.splitlines() == expected
 
 
@@ -132,7 +134,34 @@ def test_the_line_leaves_out_what_has_ended_and_what_has_not_begun(clock, capsys
             bars.update(what, done, 5)
         clock[0] += 31
         bars.update("ranger", 5, 5)
-    assert capsys.readouterr().err.splitlines() == ["greedy 2/5, ranger 5/5"]
+        assert capsys.readouterr().err.splitlines() == ["greedy 2/5, ranger 5/5"]
+
+
+def test_the_last_line_has_the_final_progress_of_each_task_that_is_not_printed(clock, capsys):
+    with output.Bars() as bars:
+        bars.update("reader", 0, 25)
+        clock[0] += 31
+        bars.update("greedy", 18, 25)
+        for what in ("reader", "greedy"):
+            bars.update(what, 25, 25)
+    assert capsys.readouterr().err.splitlines() == ["greedy 18/25", "reader 25/25, greedy 25/25"]
+
+
+def test_a_short_run_off_a_terminal_prints_no_progress(clock, capsys):
+    with output.Bars() as bars:
+        bars.update("reader", 25, 25)
+    assert capsys.readouterr().err == ""
+
+
+def test_on_a_terminal_the_bars_show_the_final_progress(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    with output.Bars() as bars:
+        for what in ("reader", "greedy"):
+            bars.update(what, 18, 25)
+            bars.update(what, 25, 25)
+    *_, reader, greedy = [line for line in capsys.readouterr().err.splitlines() if "/25" in line]
+    assert all("25/25" in re.sub(r"\x1b\[[\d;?]*[a-zA-Z]", "", line) for line in (reader, greedy))
 
 
 def test_how_often_a_line_is_printed(clock, capsys, monkeypatch):
@@ -141,7 +170,7 @@ def test_how_often_a_line_is_printed(clock, capsys, monkeypatch):
         for second in range(1, 12):
             clock[0] = 100.0 + second
             bars.update("house", second, 100)
-    assert capsys.readouterr().err.splitlines() == ["house 5/100", "house 10/100"]
+    assert capsys.readouterr().err.splitlines() == ["house 5/100", "house 10/100", "house 11/100"]
 
 
 def test_a_comparison_off_a_terminal_tells_how_far_it_is(fakes, monkeypatch):

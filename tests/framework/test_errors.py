@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from salframe.framework.errors import DataError, describe_error
+from salframe.framework.errors import DataError, describe_error, suggest
 
 
 def missing_file(name: str) -> OSError:
@@ -34,3 +34,17 @@ def missing_file(name: str) -> OSError:
 )
 def test_an_exception_is_one_line(error, line):
     assert describe_error(error) == line
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "suggestion"),
+    [
+        ("nothing", ["matching", "rooms"], ""),
+        ("features", ["rates"], ""),
+        ("how-to/map", ["out-of-map", "how-to/maps"], ", did you mean 'how-to/maps'"),
+        ("sitf", ["sift", "size"], ", did you mean 'sift'"),
+        ("work", ["workers"], ", did you mean 'workers'"),
+    ],
+)
+def test_only_similar_names_are_suggested(name, known, suggestion):
+    assert suggest(name, known) == suggestion

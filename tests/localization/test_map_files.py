@@ -104,6 +104,10 @@ def test_parts_of_two_maps_are_refused(tmp_path):
             r"has no `format` in map\.json, expected 8: build",
         ),
         (json.dumps({"format": 2}), r"has map format 2, expected 8: build the map again"),
+        (
+            json.dumps({"format": MAP_FORMAT + 1, "parts": "parts-01"}),
+            r"has map format 9, expected 8: a newer version of salframe wrote it, pip install --upgrade salframe$",
+        ),
         (json.dumps({"format": MAP_FORMAT, "parts": "../elsewhere", "sha256": {}}), r"map\.json: key parts: received"),
     ],
 )

@@ -27,7 +27,7 @@ def main(
     for text in overrides or []:
         settings = merge(settings, nest(*parse_override(text)))
     try:
-        config = validate(LoftrTrainingSettings, settings, "training")
+        config = validate(LoftrTrainingSettings, settings, "")
         buildings = max(stage.buildings for stage in config.stages)
         seeds = range(config.held_out_seed, config.held_out_seed + 1 + buildings)
         render(config.panoramas, seeds, lambda done, total: print(f"rendered {done} of {total} buildings", flush=True))

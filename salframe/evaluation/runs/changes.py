@@ -9,7 +9,6 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.auto import Choice
 from salframe.framework.components.presets import SUFFIXES, configure, names, settings
 from salframe.framework.components.settings import changed_settings, shorten_value
-from salframe.framework.config import nest
 from salframe.framework.errors import SalframeError
 
 MAX_CHANGES = 4
@@ -17,7 +16,12 @@ MAX_CHANGES = 4
 
 
 def find_changes(
-    role: str, label: str, method: str, variant_settings: Mapping[str, Any], config: ComponentConfig, choice: Choice
+    role: str,
+    label: str,
+    method: str,
+    variant_settings: Mapping[str, Mapping[str, Any]],
+    config: ComponentConfig,
+    choice: Choice,
 ) -> tuple[str, ...]:
     """Return the settings of a method that differ from the settings that its label implies, "key=value" each.
 
@@ -30,7 +34,7 @@ def find_changes(
         role: Role of the method.
         label: Label of the method in the run.
         method: The preset, component or YAML file that runs.
-        variant_settings: Settings of the variant by dotted key.
+        variant_settings: Settings of the variant: a nested mapping for each dotted key.
         config: Configuration of the method.
         choice: Selects the component of each setting with the value `auto`.
     """
@@ -38,8 +42,8 @@ def find_changes(
     known_names = names(role)
     is_known = base in known_names
     standard = base if is_known else method
-    shown = [key for key in variant_settings if f"{key}=" in label or not (is_known or standard.endswith(SUFFIXES))]
-    overrides = [nest(key.split("."), variant_settings[key]) for key in shown]
+    is_chosen = not (is_known or standard.endswith(SUFFIXES))
+    overrides = [one for key, one in variant_settings.items() if is_chosen or f"{key}=" in label]
     try:
         content = {"kind": config.kind} if standard.endswith(SUFFIXES) else settings(role, standard)
         unchanged: ComponentConfig | None = configure(role, standard, content, overrides, choice)

@@ -23,7 +23,7 @@ from salframe.framework.components.presets import (
     short_name,
 )
 from salframe.framework.components.registry import registry
-from salframe.framework.config import nest, parse_override
+from salframe.framework.config import override_of, parse_override
 from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, WeightsError
 from salframe.framework.validation import MAX_INTEGER
 from salframe.panoramas.opening import configure_dataset, provided
@@ -35,7 +35,7 @@ class Variant:
 
     Args:
         method: A preset, a component or a YAML file.
-        settings: Settings by dotted key.
+        settings: Settings by dotted key. The key may start with the name of the method and a dot.
         name: Name of the method in settings; by default the name of the preset.
         label: Label of the method in tables; by default `name`.
     """
@@ -156,9 +156,9 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
     substitutions: dict[str, str] = {}
     for label, variant in requested.items():
         choice = Choice(data_name, provides)
-        settings_of_variant = [nest(key.split("."), value) for key, value in variant.settings.items()]
-        over = [*settings_of_variant, *overrides.methods[variant.name]]
-        config = decide(role, variant.name, contents[variant.name], over, choice)
+        settings_of_variant = {key: override_of(key, value, variant.name) for key, value in variant.settings.items()}
+        over = [*settings_of_variant.values(), *overrides.methods[variant.name]]
+        config = decide(role, variant.method, contents[variant.name], over, choice)
         other, instead, note = stand_in(role, variant.method, config, over, choice)
         notes += [note] if note and note not in notes else []
         named = variant.name == short_name(variant.method)  # named after the preset, not by the user
@@ -169,7 +169,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
                 substitutions[runs] = f"{'' if named else f'{other} '}for {short_name(variant.method)}"
             runner, standard_choice = other or variant.method, Choice(data_name, provides)
             if over or runs != runner:
-                changes[runs] = find_changes(role, runs, runner, variant.settings, instead, standard_choice)
+                changes[runs] = find_changes(role, runs, runner, settings_of_variant, instead, standard_choice)
             for line in choice.notes:
                 taken.setdefault(line, []).append(runs)
     replacements = tuple(notes)
@@ -247,14 +247,15 @@ def stand_in(
 
 
 def missing_requirement(config: ComponentConfig) -> str | None:
-    """Return why a configured component cannot run on this machine: a package or weights are missing.
+    """Return why a configured component cannot run on this machine: a package or weights are missing. The reason has no
+    hash.
 
     None if it can run. Also None if its check raises any other error, because the row of the method reports this error.
     """
     try:
         config.component.check(config)
     except (RequirementMissing, WeightsError) as error:
-        return str(error)
+        return error.brief
     except Exception:
         return None
     return None

@@ -21,7 +21,7 @@ from salframe.framework.components.identity import identity
 from salframe.framework.components.installation import environment
 from salframe.framework.components.registry import registry
 from salframe.framework.config import read_yaml
-from salframe.framework.errors import ConfigError, DataError, describe_error, shorten
+from salframe.framework.errors import ConfigError, DataError, describe_error, format_advice, shorten
 from salframe.framework.files.bounded import parse_yaml
 from salframe.framework.files.hashes import digest
 from salframe.framework.files.reading import copy_log, read_as, read_model
@@ -190,9 +190,10 @@ class Run:
         content = read_yaml(path)
         if isinstance(content, Mapping) and content.get("format") != RUN_FORMAT:
             version = content.get("format", 1)
+            advice = format_advice(version, RUN_FORMAT, "repeat the run with this version and another --name")
             raise ConfigError(
                 f"the run folder {directory} has the format {version} of another version of salframe, expected "
-                f"{RUN_FORMAT}: repeat the run with this version and another --name"
+                f"{RUN_FORMAT}: {advice}"
             )
         validate(_SavedRequest, content, f"{path}:")
         return cls(directory, content)
@@ -328,7 +329,13 @@ class Run:
         if (folder / IDENTITY).exists():
             return
         others = [path.parent for path in sorted(self.directory.parent.glob(f"*/{METHODS}/*/{IDENTITY}"))]
-        alike = [other for other in others if (other / ROWS).exists() and _identity(other).sha256 == fingerprint]
+        alike = [
+            other
+            for other in others
+            if (other / ROWS).exists()
+            and _identity(other).sha256 == fingerprint
+            and _has_present_format(other.parent.parent)
+        ]
         best = max(alike, key=lambda other: (other / ROWS).stat().st_size, default=None)
         folder.mkdir(parents=True, exist_ok=True)
         # Rows first: a run in progress has already described the frames of its rows.
@@ -350,6 +357,14 @@ def _fingerprint(
     """Return the hash of all that a run depends on."""
     identities = {label: identity_of(config) for label, config in methods.items()}
     return digest({"task": dict(task), "seed": seed, "data": identity(data), "methods": identities})
+
+
+def _has_present_format(directory: Path) -> bool:
+    """Return whether a run folder has the format of this version."""
+    try:
+        return read_yaml(directory / REQUEST).get("format") == RUN_FORMAT
+    except ConfigError:
+        return False
 
 
 def _identity(folder: Path) -> _Identity:

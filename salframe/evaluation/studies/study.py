@@ -131,18 +131,12 @@ class Study(Settings):
                 suffix = (
                     f"[{','.join(f'{key}={spell_value(value)}' for key, value in choice.items())}]" if choice else ""
                 )
-                settings_of_variant = {
-                    **one.set,
-                    **{key.removeprefix(f"{name}."): value for key, value in choice.items()},
-                }
-                variants.append(Variant(one.method, settings_of_variant, name, name + suffix))
+                variants.append(Variant(one.method, {**one.set, **choice}, name, name + suffix))
                 varied.append(choice)
         for key in keys:
             if key.split(".")[0] not in known_keys:
-                raise ConfigError(
-                    f"the key `vary` has the setting {key}, which is not a setting of any method: "
-                    f"{unknown('key', key.split('.')[0], sorted(known_keys))}"
-                )
+                problem = unknown_key("setting", key, sorted(known_keys), part=key.split(".")[0])
+                raise ConfigError(f"the key `vary` has an {problem}")
         labels = [variant.label for variant in variants]
         twice = [label for label in labels if labels.count(label) > 1]
         if twice:

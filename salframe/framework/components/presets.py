@@ -9,8 +9,8 @@ from typing import Any
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.auto import Choice
 from salframe.framework.components.registry import OTHERWISE, check_preset, registry
-from salframe.framework.config import merge, nest, read_yaml
-from salframe.framework.errors import ConfigError, UnknownName, unknown
+from salframe.framework.config import Override, merge, read_yaml
+from salframe.framework.errors import ConfigError, UnknownName, unknown, unknown_key
 from salframe.framework.validation import validate
 
 SUFFIXES = (".yaml", ".yml")
@@ -76,16 +76,17 @@ def configure(
     role: str,
     name: str,
     content: Mapping[str, Any],
-    overrides: Iterable[Mapping[str, Any]] = (),
+    overrides: Sequence[Mapping[str, Any]] = (),
     choice: Choice | None = None,
 ) -> ComponentConfig:
     """Return the validated configuration of a component.
 
     Args:
         role: The role of the component.
-        name: The name of the settings. It is the name of the component if `content` has no `kind`.
+        name: The preset, component or YAML file of the settings. It is the name of the component if `content` has no
+            `kind`.
         content: The settings.
-        overrides: Settings that replace those of `content`.
+        overrides: Settings that replace those of `content`. For `Override`, see `validate`.
         choice: Chooses the components of slots (settings that hold a component) with the value `auto`. Without it,
             these slots keep the placeholder `Undecided`.
 
@@ -95,31 +96,32 @@ def configure(
     """
     for override in overrides:
         content = merge(content, override)
-    return validate(registry().get(role, content.get("kind", name)).Config, content, short_name(name), choice)
+    model = registry().get(role, content.get("kind", name)).Config
+    return validate(model, content, f"{name}:" if name.endswith(SUFFIXES) else name, choice, overrides)
 
 
 def configure_default(
-    role: str, name: str, overrides: Iterable[Mapping[str, Any]] = (), choice: Choice | None = None
+    role: str, name: str, overrides: Sequence[Mapping[str, Any]] = (), choice: Choice | None = None
 ) -> ComponentConfig:
     """Return the validated configuration of a component, preset or YAML file: its settings, changed by `overrides`. See
     `configure`."""
     return configure(role, name, settings(role, name), overrides, choice)
 
 
-def nest_for(pairs: Pairs, scopes: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
-    """Return settings as nested mappings, grouped by the first part of their dotted key.
+def nest_for(pairs: Pairs, scopes: Sequence[str]) -> dict[str, list[Override]]:
+    """Return settings as nested mappings, grouped by the first part of their dotted key, which becomes their scope.
 
     Raises:
         ConfigError: The first part of a key is not one of `scopes`, or the key has only one part.
     """
-    by_scope: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}
+    by_scope: dict[str, list[Override]] = {scope: [] for scope in scopes}
     for path, value in pairs:
         if path[0] not in by_scope or len(path) < 2:
             expected = " or ".join(f"{scope}.KEY" for scope in scopes)
             raise ConfigError(
                 f"received the setting {'.'.join(path)!r}, expected {expected}, where KEY is the name of a setting"
             )
-        by_scope[path[0]].append(nest(path[1:], value))
+        by_scope[path[0]].append(Override(path[1:], value, path[0]))
     return by_scope
 
 
@@ -148,15 +150,15 @@ class Overrides:
         Raises:
             ConfigError: A key does not start with a scope or method, and no method has a setting of this name.
         """
-        self.scopes: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}
-        self.methods: dict[str, list[dict[str, Any]]] = {name: [] for name in methods}
+        self.scopes: dict[str, list[Override]] = {scope: [] for scope in scopes}
+        self.methods: dict[str, list[Override]] = {name: [] for name in methods}
         self._role = role
         for path, value in pairs:
             scope, rest = path[0], path[1:]
             if scope in self.scopes and rest:
-                self.scopes[scope].append(nest(rest, value))
+                self.scopes[scope].append(Override(rest, value, scope))
             elif scope in methods and rest:
-                self.methods[scope].append(nest(rest, value))
+                self.methods[scope].append(Override(rest, value, scope))
             else:
                 self._assign_to_all(path, value, methods)
 
@@ -166,9 +168,9 @@ class Overrides:
         if not receivers:
             scopes = [f"{scope}.KEY" for scope in (*self.scopes, *methods)]
             known = sorted({*scopes, *(key for method_keys in keys.values() for key in method_keys)})
-            raise ConfigError(f"received the setting {'.'.join(path)!r}: {unknown('key', path[0], known)}")
+            raise ConfigError(unknown_key("setting", ".".join(path), known, part=path[0]))
         for name in receivers:
-            self.methods[name].append(nest(path, value))
+            self.methods[name].append(Override(path, value))
 
     def _keys(self, name: str, content: Mapping[str, Any]) -> list[str]:
         model = registry().get(self._role, content.get("kind", name)).Config

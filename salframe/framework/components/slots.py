@@ -11,8 +11,8 @@ from salframe.framework.component import ROLE, ComponentConfig
 from salframe.framework.components.auto import Choice, parts_added, undecided
 from salframe.framework.components.defaults import AUTO, auto_order, default_of
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import ConfigError, with_article
-from salframe.framework.validation import validate
+from salframe.framework.errors import with_article
+from salframe.framework.validation import validate_component
 
 
 def slot(
@@ -80,7 +80,7 @@ def slots(role: str, default: tuple[str, ...], description: str) -> Any:
                 f"the list entry {unnamed[0]!r} has no key `kind`, expected `kind` with the name of "
                 f"{with_article(role)}"
             )
-        return tuple(_fill(role, "", entry, info) for entry in value)
+        return tuple(_fill(role, "", entry, info, (str(number),)) for number, entry in enumerate(value))
 
     field = Field(
         default_factory=lambda: tuple({"kind": name} for name in default),
@@ -90,11 +90,13 @@ def slots(role: str, default: tuple[str, ...], description: str) -> Any:
     return Annotated[tuple[SerializeAsAny[ComponentConfig], ...], BeforeValidator(resolve), field]
 
 
-def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> ComponentConfig:
+def _fill(role: str, default: str, value: Any, info: ValidationInfo, keys: tuple[str, ...] = ()) -> ComponentConfig:
     """Return the configuration of the component that the value of a slot names.
 
+    `keys` are the keys of the value below the slot, see InvalidComponent.
+
     Raises:
-        ConfigError: A setting is invalid.
+        ValueError: A setting is invalid.
         UnknownName: There is no such component.
         InputMissing: No component can fill a slot with the value `auto`.
     """
@@ -109,17 +111,15 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> Componen
         raise ValueError(f"received {value!r}, expected the name of {with_article(role)}, or a mapping of settings")
     value = {"kind": default, **value}
     if value["kind"] != AUTO or not auto_order(role):
-        return validate(registry().get(role, value["kind"]).Config, value, role, choice)
+        return validate_component(registry().get(role, value["kind"]).Config, value, choice, keys)
     if choice is None:
         if len(value) > 1:
-            keys = ", ".join(f"{role}.{key}" for key in value if key != "kind")
-            raise ConfigError(
-                f"{keys} cannot be set, because the {role} is 'auto': 'auto' selects {with_article(role)} only when "
-                f"the dataset is known. Set {role} to one of {', '.join(auto_order(role))}, or specify the dataset"
+            names = ", ".join(key for key in value if key != "kind")
+            raise ValueError(
+                f"{names} cannot be set, because the {role} is 'auto': 'auto' selects {with_article(role)} only when "
+                f"the dataset is known. Select one of {', '.join(auto_order(role))}, or specify the dataset"
             )
         return undecided(role).Config()
     component = choice.choose(role, parts_added(info.data.values()))
-    try:
-        return validate(component.Config, {**value, "kind": component.name}, role, choice)
-    except ConfigError as error:
-        raise ConfigError(f"{error} ('auto' selected the {role} {component.name!r})") from None
+    note = f"'auto' selected the {role} {component.name!r}"
+    return validate_component(component.Config, {**value, "kind": component.name}, choice, keys, note)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 from salframe.framework.component import Role
@@ -61,7 +61,7 @@ class Engine(Role):
         yield from self.map(function, retries)
 
 
-def open_engine(name: str | None = None, overrides: Iterable[Mapping[str, Any]] = ()) -> Engine:
+def open_engine(name: str | None = None, overrides: Sequence[Mapping[str, Any]] = ()) -> Engine:
     """Return an engine.
 
     Args:

@@ -310,10 +310,11 @@ class NetworkWeights:
         path = self.directory / file.name
         path = path if path.is_file() else self.source.installed(file) or path
         if not path.is_file():
+            missing, download = f"weights {self.name!r}: the file {path} is missing", self._fetch_command
             raise WeightsError(
-                f"weights {self.name!r}: the file {path} is missing (sha256 {file.sha256}); download it with: "
-                f"{self._fetch_command}",
-                self._fetch_command,
+                f"{missing} (sha256 {file.sha256}); download it with: {download}",
+                download,
+                f"{missing}; download it with: {download}",
             )
         return path
 

@@ -186,3 +186,27 @@ def test_a_run_that_cannot_be_read_stops_no_reuse(fakes, tmp_path):
     run = open_run(tmp_path)
     run.reuse("reader", "0123")
     assert run.notes() == []
+
+
+@pytest.mark.parametrize("is_present", [True, False])
+def test_answers_of_a_run_folder_with_another_format_are_not_reused(fakes, tmp_path, is_present):
+    other = open_run(tmp_path, seed=1)
+    other.reuse("reader", "0123")
+    with RowWriter(other.folder("reader") / "rows.jsonl") as rows:
+        rows.append({"query": "a"})
+    if not is_present:
+        path = other.directory / "request.yaml"
+        path.write_text(path.read_text().replace("format: 2", "format: 1"))
+        with pytest.raises(ConfigError, match="format 1 of another version of salframe, expected 2: repeat the run"):
+            Run.load(other.directory)
+    run = open_run(tmp_path)
+    run.reuse("reader", "0123")
+    assert (run.folder("reader") / "rows.jsonl").exists() == is_present
+    assert len(run.notes()) == is_present
+
+
+def test_a_run_folder_of_a_newer_version_needs_an_update(fakes, tmp_path):
+    path = open_run(tmp_path).directory / "request.yaml"
+    path.write_text(path.read_text().replace("format: 2", "format: 3"))
+    with pytest.raises(ConfigError, match=r"format 3 .*, expected 2: .* pip install --upgrade salframe$"):
+        Run.load(path.parent)

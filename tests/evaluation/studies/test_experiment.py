@@ -160,7 +160,7 @@ def test_what_is_kept_names_nothing_of_the_data(rooms):
 def test_a_table_that_is_wrong_costs_itself(rooms):
     wrong = {**ROOMS, "vary": {"ofset": [1]}}
     first, second = run_experiment(write(first=wrong, second=ROOMS), REQUEST, results="results").tables
-    assert "unknown key 'ofset', did you mean 'offset'?" in first.skipped
+    assert "unknown setting ofset, did you mean 'offset'" in first.skipped
     assert second.fresh is not None
 
 

@@ -19,7 +19,7 @@ from salframe.framework.components.presets import (
     short_name,
 )
 from salframe.framework.components.registry import Failure, registry
-from salframe.framework.config import parse_override
+from salframe.framework.config import Override, parse_override
 from salframe.framework.errors import ConfigError, PluginFailed, UnknownName
 from salframe.framework.hookspecs import Presets
 from salframe.framework.validation import validate
@@ -168,8 +168,26 @@ def test_the_last_override_wins(fakes):
 
 @pytest.mark.parametrize("text", ["ofset=1", "data=1", "greedy=1"])
 def test_a_key_that_nobody_has_is_an_error(fakes, text):
-    with pytest.raises(ConfigError, match="unknown key"):
+    with pytest.raises(ConfigError, match="unknown setting"):
         route(text)
+
+
+@pytest.mark.parametrize("text", ["offst=1", "reader.offst=1"])
+def test_an_error_has_the_key_that_the_user_wrote(fakes, text):
+    overrides = [Override(["offst"], 1)] if text == "offst=1" else route(text).methods["reader"]
+    with pytest.raises(ConfigError, match=rf"^unknown setting {text[:-2]}, did you mean 'offset'"):
+        configure_default("localizer", "reader", overrides)
+
+
+def test_an_error_in_a_yaml_file_names_the_file_unless_the_user_overrides_the_key(fakes, tmp_path):
+    (tmp_path / "mine.yaml").write_text("kind: reader\noffst: 2\n")
+    with pytest.raises(ConfigError, match=r"^mine\.yaml: unknown key offst, did you mean 'offset'"):
+        configure_default("localizer", "mine.yaml")
+    (tmp_path / "mine.yaml").write_text("kind: reader\noffset: wide\n")
+    with pytest.raises(ConfigError, match=r"^mine\.yaml: key offset: received 'wide'"):
+        configure_default("localizer", "mine.yaml", [Override(["wrong_from"], 2)])
+    with pytest.raises(ConfigError, match=r"^setting mine\.offset: received 'long'"):
+        configure_default("localizer", "mine.yaml", [Override(["offset"], "long", "mine")])
 
 
 def test_settings_are_nested_by_their_scope():

@@ -10,7 +10,9 @@ from salframe.framework.components.defaults import defaults
 from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
+from salframe.framework.config import override_of
 from salframe.framework.errors import ConfigError, UnknownName
+from salframe.framework.files.bounded import parse_yaml
 from salframe.framework.validation import Settings, validate
 from salframe.graphs.saliency import SaliencyModel
 
@@ -29,6 +31,15 @@ class Inner(SaliencyModel):
 
     def score(self, detections):
         return detections.scores
+
+
+class Plain(Inner):
+    """Has no setting."""
+
+    name = "plain"
+
+    class Config(ComponentConfig):
+        pass
 
 
 class Other(Inner):
@@ -62,7 +73,7 @@ class Optional(Inner):
 @pytest.fixture
 def models(fakes, monkeypatch):
     monkeypatch.setitem(defaults(), "saliency", "other")
-    for component in (Inner, Other, Outer):
+    for component in (Inner, Other, Outer, Plain):
         registry().add(component, "test")
 
 
@@ -119,7 +130,13 @@ def test_a_configuration_survives_json(models):
         ({"grid": {"size": 1}}, r"unknown setting mine\.grid\.size"),
         ({"grid": {"size_m": 0}}, r"mine\.grid\.size_m: received 0, expected a number greater than 0"),
         ({"grid": {"size_m": "wide"}}, r"mine\.grid\.size_m: received 'wide', expected a number"),
-        ({"model": {"share": 2}}, r"saliency\.share: received 2, expected a number less than or equal to 1"),
+        ({"model": {"share": 2}}, r"mine\.model\.share: received 2, expected a number less than or equal to 1"),
+        ({"model": {"shar": 2}}, r"unknown setting mine\.model\.shar, did you mean 'share' \(known settings: share\)"),
+        ({"model": {"kind": "plain", "a": 2}}, r"^unknown setting mine\.model\.a: plain has no settings$"),
+        (
+            {"model": {"shar": 2, "share": 2}, "grid": {"size": 1}},
+            r"mine\.model\.share: received 2, .*; unknown setting mine\.model\.shar, .*; unknown setting mine\.grid",
+        ),
         ({"model": 3}, r"mine\.model: received 3, expected the name of a saliency, or a mapping of settings"),
         ({"kind": "inner"}, r"mine: the key `kind` \(name of the component\) is 'inner', expected 'outer'"),
         (
@@ -132,6 +149,22 @@ def test_wrong_settings_are_told_in_one_line(models, settings, message):
     with pytest.raises(ConfigError, match=message) as caught:
         validate(Outer.Config, settings, "mine")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("model.shar=1", r"^unknown setting model\.shar, did you mean 'share'"),
+        ("model.shar.x=1", r"^unknown setting model\.shar, did you mean 'share'"),
+        ("model={kind: plain, a: 1}", r"^unknown setting model\.a: plain has no settings$"),
+        ("outer.model.share=2", r"^setting outer\.model\.share: received 2"),
+    ],
+)
+def test_errors_have_the_whole_key_that_the_user_wrote(models, text, message):
+    key, _, value = text.partition("=")
+    override = override_of(key, parse_yaml(value), "outer")
+    with pytest.raises(ConfigError, match=message):
+        validate(Outer.Config, override, "mine", None, [override])
 
 
 @pytest.mark.parametrize("kind", ["iner", None, 3, ["inner"], {}])

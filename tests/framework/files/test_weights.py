@@ -164,8 +164,8 @@ def test_weights_are_listed_and_found_by_name(served, cache):
     assert list_weights(registry) == [served]
     weights = find_weights("net", registry)
     assert weights.fetch() == weights.paths() == (cache / "net" / "net.pt",)
-    with pytest.raises(UnknownName, match="unknown weights 'met', did you mean 'net'"):
-        find_weights("met", registry)
+    with pytest.raises(UnknownName, match="unknown weights 'nett', did you mean 'net'"):
+        find_weights("nett", registry)
 
 
 def test_a_link_is_the_whole_address_and_terms_name_the_data(served, tmp_path, cache):

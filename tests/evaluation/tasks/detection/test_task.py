@@ -74,7 +74,7 @@ def test_the_command_prints_what_is_measured_and_a_wrong_setting_is_one_line(tin
     result = run("detection", "--detectors", "annotations", "--data", str(tiny), "--classes")
     assert result.code == 0
     assert "precision %" in result.out
-    with pytest.raises(ConfigError, match=r"received the setting 'noize': unknown key 'noize', did you mean 'noise'"):
+    with pytest.raises(ConfigError, match=r"unknown setting noize, did you mean 'noise'"):
         measure(tiny, "noize=none")
 
 

@@ -229,7 +229,7 @@ def test_what_cannot_be_measured_is_told_in_one_line(tiny, tmp_path):
         measure_sensor("annotations", [str(bare)])
     with pytest.raises(UnknownName, match=r"unknown detector 'panosec'.* did you mean 'panoseg'"):
         measure_sensor("panosec", [tiny])
-    with pytest.raises(ConfigError, match=r"received the setting 'noisy': unknown key 'noisy'.* did you mean 'noise'"):
+    with pytest.raises(ConfigError, match=r"unknown setting noisy, did you mean 'noise'"):
         measure_sensor("annotations", [tiny], settings=["noisy=none"])
     with pytest.raises(ConfigError, match=r"received the dataset 'tiny\d*' twice"):
         measure_sensor("annotations", [tiny, tiny])
