@@ -240,7 +240,7 @@ def _usage_of(role: str) -> str:
 
 
 TERMS = {
-    r"\bquer(y|ies)\b": "*query*: a panorama to localize, or one or several views",
+    r"\bquer(y|ies)\b": "*query*: what is to be localized: a panorama, or images of an ordinary camera (*views*)",
     r"reference frame": "*reference frame*: a panorama of the map, with its pose and its place",
     r"\bplaces?\b": "*place*: a room or a doorway",
     r"out-of-map": "*out-of-map*: the query was taken at a place that the map does not contain",

@@ -73,9 +73,10 @@ def _compare(observed: Arcs, expected: Arcs) -> tuple[np.ndarray, np.ndarray]:
 
 
 def search(arcs: Sequence[Arcs], lines: Sequence[Lines3d], position_m: np.ndarray) -> np.ndarray:
-    """Return the position (3,) with the largest agreement near an initial position that is within about 0.3 m.
+    """Return the position (3,) with the largest agreement near an initial position.
 
-    The search uses increasingly fine grids at the height of the initial position.
+    The true position must be at most about 0.3 m from `position_m`. The search uses increasingly fine grids at the
+    height of the initial position.
     """
     arcs = [Arcs(*(part[:SEARCH_LINES] for part in along)) for along in arcs]
     lines = [Lines3d(*(part[:SEARCH_LINES] for part in along)) for along in lines]

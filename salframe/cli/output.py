@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
+from salframe.cli.logged import logged
+
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
@@ -27,8 +29,6 @@ LIST_COLUMNS = ("help",)
 LINE_SECONDS = 30.0
 """Interval in seconds between progress lines, if stderr is not a terminal."""
 
-logged: set[str] = set()
-"""Log messages that this command has printed, which are not repeated below the result."""
 _json_out: TextIO | None = None
 
 

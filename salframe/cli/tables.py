@@ -11,7 +11,7 @@ from rich import table as rich_table
 from rich.console import Console
 from rich.markup import escape
 
-from salframe.cli.output import logged
+from salframe.cli.logged import logged
 
 if TYPE_CHECKING:
     from salframe.evaluation.runs.task import Result
