@@ -104,7 +104,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of the settings and of all files in the folder, because materials may name any image.
+        """Hash of the settings and of all files in the folder. A material can use any file as its texture.
 
         The content of tables (frames.csv, regions.json, .house, .mtl) is hashed. Of other files, only path, size and
         modification time are hashed.

@@ -36,9 +36,9 @@ def experiment(
 ) -> None:
     """Measure the tables of an experiment and store them.
 
-    An experiment is a set of tables, such as those in `salframe docs results`. A complete stored table is
-    printed. It is only measured again if its settings have changed, or if its task, data or methods have new versions.
-    Tables of real buildings need --data-dir. Run the same command again to resume an interrupted run.
+    An experiment is a set of tables, such as those in `salframe docs results`. If a table is already stored, it is
+    printed, and not measured again. It is measured again if it is incomplete, or if its settings or the versions of its
+    task, data or methods have changed. Tables of real buildings need --data-dir. Run the same command again to resume an interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
     from salframe.evaluation.runs.task import check_columns

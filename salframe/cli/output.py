@@ -64,7 +64,7 @@ def only_json(is_requested: bool) -> Iterator[None]:
 
 
 def print_json(value: Any) -> None:
-    """Print a value as JSON on stdout, even inside `only_json`."""
+    """Print a value as JSON on stdout. Inside `only_json`, this is the only output on stdout."""
     print(json.dumps(value, indent=2), file=_json_out or sys.stdout)
 
 

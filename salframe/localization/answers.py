@@ -219,8 +219,8 @@ class Localization:
             return
         if len(probabilities) < len(entries):
             raise InvalidAnswer(
-                f"a localization has {len(probabilities)} probabilities, expected none, or {len(entries)}: one for "
-                "each place, and `out_of_map_probability`"
+                f"a localization has {len(probabilities)} of {len(entries)} probabilities, expected all or none: "
+                f"`out_of_map_probability`, and one probability for each of the {len(self.places)} places"
             )
         outside = [probability for probability in probabilities if not 0 <= probability <= 1]
         if outside:

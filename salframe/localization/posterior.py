@@ -49,9 +49,10 @@ class EvidenceTerm(Settings):
     )
 
     def standardize(self, value: np.ndarray, nu: np.ndarray) -> np.ndarray:
-        """Return the values (N,) minus the mean of out-of-map queries, divided by their standard deviation.
+        """Return standardized values (N,).
 
-        Both depend on `nu` (N,), which `Head` describes.
+        The mean of the column for out-of-map queries is subtracted from each value. The difference is divided by the
+        standard deviation of the column for out-of-map queries. Mean and deviation depend on `nu` (N,), see `Head`.
         """
         moments = self.absent_mean, self.absent_deviation
         return standardize(value, nu, *moments, self.mean_effect, self.deviation_effect)

@@ -30,7 +30,7 @@ class Step:
     """A step of walking directions: turn, then walk straight ahead.
 
     Attributes:
-        to: Id of the node where the step ends; None if it ends at a corner of an edge.
+        to: Id of the node where the step ends; None if it ends between two nodes, where the path bends.
         length_m: Length of the walk in metres.
         azimuth_rad: Azimuth of the walk in the world frame.
         turn_rad: Turn before the walk, positive to the left; None if the heading is unknown.

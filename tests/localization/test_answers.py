@@ -53,9 +53,13 @@ def test_probabilities_of_places_and_none_of_them_are_one_together():
         ((0.5, 0.5), 2e-6, "probabilities that sum to 1.000002, expected 1"),
         ((1.5, -0.5), 0.0, r"the probability 1.5, expected a value in \[0, 1\]"),
         ((float("nan"), 0.5), 0.5, r"the probability nan, expected a value in \[0, 1\]"),
-        ((0.5, None), 0.5, "2 probabilities, expected none, or 3: one for each place, and `out_of_map_probability`"),
-        ((0.5, 0.5), None, "2 probabilities, expected none, or 3"),
-        ((None, None), 1.0, "1 probabilities, expected none, or 3"),
+        (
+            (0.5, None),
+            0.5,
+            "2 of 3 probabilities, expected all or none: `out_of_map_probability`, and one probability for each",
+        ),
+        ((0.5, 0.5), None, "2 of 3 probabilities, expected all or none"),
+        ((None, None), 1.0, "1 of 3 probabilities, expected all or none"),
     ],
 )
 def test_other_probabilities_are_refused(probabilities, out_of_map_probability, message):
