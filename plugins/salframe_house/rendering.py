@@ -63,7 +63,7 @@ def buildings(
 
 
 def buildings_of(config: HouseConfig) -> tuple[Building, Building]:
-    """Return the `buildings` (at the time of mapping and of the queries) for the settings of a single storey.
+    """Return a building of one storey in two states: when the map is made, and when the queries are taken.
 
     For several storeys, call this function with each of `storey_configs`.
     """

@@ -38,7 +38,8 @@ def experiment(
 
     An experiment is a set of tables, such as those in `salframe docs results`. If a table is already stored, it is
     printed, and not measured again. It is measured again if it is incomplete, or if its settings or the versions of its
-    task, data or methods have changed. Tables of real buildings need --data-dir. Run the same command again to resume an interrupted run.
+    task, data or methods have changed. Tables of real buildings need --data-dir. Run the same command again to resume
+    an interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
     from salframe.evaluation.runs.task import check_columns

@@ -12,7 +12,8 @@ from salframe.testing.rules import Rules
 
 
 class ScorerRules(Rules[Scorer]):
-    """A file that holds no answers to the task raises a DataError of one line."""
+    """Conformance tests of a scorer: if the answer file is not in the format of the benchmark, `score` raises a
+    DataError whose message is one line."""
 
     def a_missing_file_raises_an_error(self) -> None:
         self._check("a missing file", None)

@@ -55,7 +55,7 @@ def rank_distant_views(
     result = search(nodes, index, config.rates, config.likelihood, POSES, sectors, height_m)
     if not len(result.poses):
         return None
-    poses = result.poses.at(matched[result.poses.place])
+    poses = result.poses.with_places(matched[result.poses.place])
     names = places.scene_frames.name[poses.place]
     of_poses = evidence.gather(nodes, description, poses.place, names, poses, result.score, of_poses=True)
     best = int(np.argmax(of_poses.scores(config.weights) if of_poses.values else result.score))
@@ -92,6 +92,6 @@ def _group_scores(
     scorer = PlaceLikelihood(nodes, index, config.rates, config.likelihood, sectors, height_m)
     poses = group.poses(shift_m, yaw_rad, len(matched))
     likelihood = np.logaddexp(scorer.score(poses)[0], scorer.score_without_pose())
-    names, in_map = places.scene_frames.name[matched], poses.at(matched)
+    names, in_map = places.scene_frames.name[matched], poses.with_places(matched)
     gathered = evidence.gather(nodes, group.description, matched, names, in_map, likelihood)
     return gathered.scores(config.weights)

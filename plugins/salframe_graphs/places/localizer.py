@@ -324,7 +324,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             height_of(description),
         )
         pose_place = matched[result.poses.place]
-        poses = result.poses.at(pose_place)
+        poses = result.poses.with_places(pose_place)
         pose_name = places.names_at(poses)
         has_pose = np.zeros(len(places.names), bool)
         has_pose[pose_name] = True

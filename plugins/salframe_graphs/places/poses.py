@@ -52,8 +52,8 @@ class Poses:
             self.scale[rows],
         )
 
-    def at(self, place: np.ndarray) -> Poses:
-        """Return the same poses with other indices (C,) of their places."""
+    def with_places(self, place: np.ndarray) -> Poses:
+        """Return a copy of the C poses with other indices (C,) of their places."""
         return Poses(place, self.shift_m, self.yaw_rad, self.camera_height_offset_m, self.scale)
 
     def where(self, chosen: np.ndarray, other: Poses) -> Poses:

@@ -49,8 +49,8 @@ class WorkerEngine(Engine):
             ge=1,
             le=1024,
             description="number of worker processes, with one thread each; null: one worker per core to render the "
-            "images of a dataset, and a single worker for all other jobs. With `--engine processes`, this worker may "
-            "use all cores",
+            "images of a dataset, and a single worker for all other jobs. This single worker has one thread per core "
+            "in the engine `processes`, and one thread in other engines",
         )
 
     @abstractmethod
