@@ -200,7 +200,7 @@ def show(
     if printing.as_json:
         print_json(result.to_json())
     elif printing.style == TABLE:
-        print_result(result, printing.columns, details)
+        print_result(result, printing.columns, details, logged)
     else:
         print(format_result(result, printing.style, printing.columns), end="")
     if result.crashed or not result.measured:

@@ -61,8 +61,9 @@ def serve(
     from importlib.util import find_spec
 
     from salframe.cli.output import tell
-    from salframe.framework.config import merge, nest, parse_override
+    from salframe.framework.config import merge, parse_override
     from salframe.framework.errors import RequirementMissing
+    from salframe.framework.overrides import nest
     from salframe.framework.validation import validate
 
     if missing := [

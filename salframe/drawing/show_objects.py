@@ -17,7 +17,7 @@ from salframe.framework.components.auto import Choice, name_parts
 from salframe.framework.components.registry import registry
 from salframe.framework.components.settings import list_settings
 from salframe.framework.components.slots import slot
-from salframe.framework.config import merge, nest, parse_override
+from salframe.framework.config import merge, parse_override
 from salframe.framework.errors import (
     ConfigError,
     DataError,
@@ -31,6 +31,7 @@ from salframe.framework.errors import (
 )
 from salframe.framework.files.image_files import image_notes
 from salframe.framework.files.writing import atomic_path
+from salframe.framework.overrides import nest
 from salframe.framework.validation import Settings, validate
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector

@@ -9,8 +9,8 @@ from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
-from salframe.framework.config import Override
 from salframe.framework.errors import ConfigError, SalframeError, counted, one_line, shorten, unknown_key
+from salframe.framework.overrides import Override
 
 MAX_PROBLEMS = 3
 """Maximum number of validation errors to report. Messages have only the number of further errors."""

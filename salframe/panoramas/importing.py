@@ -13,10 +13,11 @@ import numpy as np
 
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
-from salframe.framework.config import Override, parse_override
+from salframe.framework.config import parse_override
 from salframe.framework.errors import ConfigError, DataError, counted, describe_error
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.writing import atomic_path, lock_folder, write_json, write_text
+from salframe.framework.overrides import Override
 from salframe.panoramas.data_checks import data_notes
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder import FolderDataset

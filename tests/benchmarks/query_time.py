@@ -28,7 +28,8 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 FIRST = """
 import json, sys, time
 from salframe import open_map
-from salframe.framework.config import nest, parse_override
+from salframe.framework.config import parse_override
+from salframe.framework.overrides import nest
 from salframe.panoramas.opening import configure_dataset, open_dataset
 overrides = [nest(*parse_override(word.removeprefix("data."))) for word in sys.argv[4:]]
 _, config = configure_dataset(sys.argv[1], sys.argv[2] or None, overrides)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from salframe.framework.config import merge, nest, parse_override, read_yaml
+from salframe.framework.config import merge, parse_override, read_yaml
 from salframe.framework.errors import ConfigError
+from salframe.framework.overrides import nest
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,9 @@ from sound_copy import restore
 
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
-from salframe.framework.config import nest, parse_override
+from salframe.framework.config import parse_override
 from salframe.framework.errors import SalframeError
+from salframe.framework.overrides import nest
 
 MAX_LINE = 12_000
 RUN = {"data": "./data", "engine": "inline"}

@@ -23,8 +23,9 @@ from salframe.framework.components.presets import (
     short_name,
 )
 from salframe.framework.components.registry import registry
-from salframe.framework.config import override_of, parse_override
+from salframe.framework.config import parse_override
 from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, WeightsError
+from salframe.framework.overrides import override_of
 from salframe.framework.validation import MAX_INTEGER
 from salframe.panoramas.opening import configure_dataset, provided
 

@@ -17,11 +17,12 @@ from salframe.framework.components.installation import installed_version
 from salframe.framework.components.presets import SUFFIXES, settings
 from salframe.framework.components.registry import registry
 from salframe.framework.components.settings import flatten, spell_value
-from salframe.framework.config import merge, nest, parse_override
+from salframe.framework.config import merge, parse_override
 from salframe.framework.errors import FRAME_ERRORS, ConfigError, DataError
 from salframe.framework.files.cache import Cache
 from salframe.framework.files.hashes import digest
 from salframe.framework.files.writing import write_text
+from salframe.framework.overrides import nest
 from salframe.framework.validation import validate
 from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence, fit_weights

@@ -9,8 +9,9 @@ from typing import Any
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.auto import Choice
 from salframe.framework.components.registry import OTHERWISE, check_preset, registry
-from salframe.framework.config import Override, merge, read_yaml
+from salframe.framework.config import merge, read_yaml
 from salframe.framework.errors import ConfigError, UnknownName, unknown, unknown_key
+from salframe.framework.overrides import Override
 from salframe.framework.validation import validate
 
 SUFFIXES = (".yaml", ".yml")

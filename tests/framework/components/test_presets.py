@@ -19,9 +19,10 @@ from salframe.framework.components.presets import (
     short_name,
 )
 from salframe.framework.components.registry import Failure, registry
-from salframe.framework.config import Override, parse_override
+from salframe.framework.config import parse_override
 from salframe.framework.errors import ConfigError, PluginFailed, UnknownName
 from salframe.framework.hookspecs import Presets
+from salframe.framework.overrides import Override
 from salframe.framework.validation import validate
 
 CONFIGS = Path(__file__).parents[3] / "configs"

@@ -10,9 +10,9 @@ from salframe.framework.components.defaults import defaults
 from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
-from salframe.framework.config import override_of
 from salframe.framework.errors import ConfigError, UnknownName
 from salframe.framework.files.bounded import parse_yaml
+from salframe.framework.overrides import override_of
 from salframe.framework.validation import Settings, validate
 from salframe.graphs.saliency import SaliencyModel
 
