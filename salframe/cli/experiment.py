@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from salframe.cli.options import CommonOptions, StudySeed, with_common_options
-from salframe.cli.output import LIST_COLUMNS, TABLE, Bars, print_columns, print_json
+from salframe.cli.output import LIST_COLUMNS, TABLE, Bars, logged, print_columns, print_json
 
 if TYPE_CHECKING:
     from salframe.evaluation.studies.experiment import ExperimentResult
@@ -68,7 +68,7 @@ def experiment(
             result = run_experiment(selected, request, quick=quick, force=force, results=results, progress=bars.update)
         experiment_results.append(result)
         if not options.as_json and options.style == TABLE:
-            print_experiment(result, columns)
+            print_experiment(result, columns, logged)
         elif not options.as_json:
             print(format_experiment(result, options.style, columns))
     if options.as_json:

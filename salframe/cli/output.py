@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import typer
 
-from salframe.cli.logged import logged
-
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
@@ -29,6 +27,8 @@ LIST_COLUMNS = ("help",)
 LINE_SECONDS = 30.0
 """Interval in seconds between progress lines, if stderr is not a terminal."""
 
+logged: set[str] = set()
+"""Log messages that this command has printed, which are not repeated below the result."""
 _json_out: TextIO | None = None
 
 
@@ -200,7 +200,7 @@ def show(
     if printing.as_json:
         print_json(result.to_json())
     elif printing.style == TABLE:
-        print_result(result, printing.columns, details)
+        print_result(result, printing.columns, details, logged)
     else:
         print(format_result(result, printing.style, printing.columns), end="")
     if result.crashed or not result.measured:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich import table as rich_table
 from rich.console import Console
 from rich.markup import escape
-
-from salframe.cli.logged import logged
 
 if TYPE_CHECKING:
     from salframe.evaluation.runs.task import Result
@@ -44,28 +42,31 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     _console().print(table)
 
 
-def print_result(result: Result[Any] | StudyResult, columns: Sequence[str] = (), details: bool = False) -> None:
+def print_result(
+    result: Result[Any] | StudyResult, columns: Sequence[str] = (), details: bool = False, printed: Collection[str] = ()
+) -> None:
     """Print the tables and notes of a result, and the folder in which it is stored.
 
     Args:
         result: The result.
         columns: Names of the columns of the tables; empty: the main columns.
         details: Whether to print the detailed tables too.
+        printed: Notes that were printed before, which are left out.
     """
     for table in result.tables(columns):
         print_measured(table)
     for table in result.kind.details(result.rows) if details else ():
         print_table(table.headings, table.rows)
-    _print_notes(result)
+    _print_notes(result, printed)
     for line in result.kind.legend(result.rows):
         _say(line, dim=False)
     print_reported(result.reported)
     _say(result.where, dim=False)
 
 
-def print_experiment(result: ExperimentResult, columns: Sequence[str] = ()) -> None:
+def print_experiment(result: ExperimentResult, columns: Sequence[str] = (), printed: Collection[str] = ()) -> None:
     """Print the tables of an experiment, the corresponding tables of papers, and the path of the results file.
-    `columns` are the names of the columns; empty: the columns that the experiment states."""
+    For the arguments, see `print_result`. Without columns, the experiment states them."""
     _say(f"{result.experiment.title}: {result.experiment.question}", dim=False)
     for table in result.tables:
         for part in table.tables(columns):
@@ -75,7 +76,7 @@ def print_experiment(result: ExperimentResult, columns: Sequence[str] = ()) -> N
         if table.skipped is not None:
             _say(f"{table.name}: skipped: {table.skipped}")
         for note in () if table.fresh is None else table.fresh.notes:
-            if note not in logged:
+            if note not in printed:
                 _say(note)
     for source, reported in result.reported:
         _console().print(_reported([reported]))
@@ -203,10 +204,10 @@ def print_sensor(measurement: SensorMeasurement) -> None:
         _say(line, dim=False)
 
 
-def _print_notes(result: Result[Any] | StudyResult) -> None:
+def _print_notes(result: Result[Any] | StudyResult, printed: Collection[str]) -> None:
     """Print the notes of a result that were not printed before, and for each method its remark and its numbers of
     failures by status."""
-    notes = [note for note in result.notes if note not in logged]
+    notes = [note for note in result.notes if note not in printed]
     for row in result.rows:
         failures = ", ".join(f"{count} {status}" for status, count in row.status.items() if status != "ok")
         if remarks := "; ".join(part for part in (row.remark, failures) if part):

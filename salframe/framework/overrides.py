@@ -1,4 +1,4 @@
-"""Nested settings that users write by dotted key."""
+"""Nested settings that a user wrote by dotted key."""
 
 from __future__ import annotations
 

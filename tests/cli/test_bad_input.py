@@ -289,7 +289,7 @@ def test_a_wrong_setting(data):
     )
     assert_one_line(compare("./data", "--set", "detector=yolo"), r"unknown detector 'yolo'.* Known: annotations")
     assert_one_line(
-        compare("house-12", "--set", "data.rooms=many"), r"house-12\.rooms: received 'many', expected .*integer"
+        compare("house-12", "--set", "data.rooms=many"), r"setting data\.rooms: received 'many', expected .*integer"
     )
 
 

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from salframe.framework.config import merge, nest, parse_override
+from salframe.framework.config import merge, parse_override
 from salframe.framework.errors import SalframeError
+from salframe.framework.overrides import nest
 from salframe.framework.validation import validate
 from training.loftr_compact.export import export
 from training.loftr_compact.panoramas import render

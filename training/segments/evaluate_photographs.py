@@ -21,8 +21,9 @@ from salframe_segments.detector import SegmentsDetector
 
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
-from salframe.framework.config import merge, nest, parse_override
+from salframe.framework.config import merge, parse_override
 from salframe.framework.errors import SalframeError
+from salframe.framework.overrides import nest
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.panoramas.geometry import rays_to_pixels

@@ -114,7 +114,7 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo, keys: tuple
         return validate_component(registry().get(role, value["kind"]).Config, value, choice, keys)
     if choice is None:
         if len(value) > 1:
-            names = ", ".join(key for key in value if key != "kind")
+            names = ", ".join(f"{info.field_name}.{key}" for key in value if key != "kind")
             raise ValueError(
                 f"{names} cannot be set, because the {role} is 'auto': 'auto' selects {with_article(role)} only when "
                 f"the dataset is known. Select one of {', '.join(auto_order(role))}, or specify the dataset"

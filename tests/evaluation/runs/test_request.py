@@ -99,7 +99,7 @@ def test_settings_that_the_stand_in_cannot_take_leave_it_as_it_is(faults, preset
         "plain is used instead of fancy: narrow needs the Python package no_such_package, which is not installed; "
         "plain runs with its default "
     )
-    assert "does not have the requested ones: unknown setting plain.depth (known settings: offset," in note
+    assert "does not have the requested ones: unknown setting fancy.depth (known settings: offset," in note
 
 
 def test_a_stand_in_that_cannot_run_as_it_is_set_leaves_the_method(faults, presets):
@@ -135,7 +135,8 @@ def test_a_stand_in_is_told_in_the_table_in_json_and_in_the_report(stand_ins):
     asked = ("compare", "--methods", "fancy,reader", "--data", "rooms", "--engine", "inline")
     printed = salframe(*asked)
     assert printed.code == 0
-    assert note in printed.out.splitlines()
+    assert note in printed.err.splitlines()
+    assert note not in printed.out
     given = salframe(*asked, "--json").json
     assert given["notes"] == [note]
     assert [row["method"] for row in given["rows"]] == ["plain", "reader"]
