@@ -227,7 +227,7 @@ def test_every_detector_in_it_is_checked_listed_and_part_of_the_identity(members
         ),
         (["yolo"], r"unknown detector 'yolo'"),
         ([7], r"union\.of: received 7, expected the name of a detector"),
-        ([{"kind": "onnx", "score": 1}], r"unknown setting detector\.score"),
+        ([{"kind": "onnx", "score": 1}], r"unknown setting union\.of\.0\.score"),
     ],
 )
 def test_what_is_no_list_of_detectors_is_refused_in_one_line(members, of, message):

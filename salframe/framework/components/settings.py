@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from salframe.framework.component import ROLE, ComponentConfig, holds_components
+from salframe.framework.files.bounded import parse_yaml
 
 BOUNDS = {"ge": "at least", "gt": "over", "le": "at most", "lt": "under"}
 
@@ -79,7 +79,7 @@ def spell_value(value: Any) -> str:
 
 def _is_name(value: Any) -> bool:
     """Return whether a value is text that YAML reads as the same text without quotes."""
-    return isinstance(value, str) and bool(re.fullmatch(r"[\w.-]+", value)) and bool(yaml.safe_load(value) == value)
+    return isinstance(value, str) and bool(re.fullmatch(r"[\w.-]+", value)) and bool(parse_yaml(value) == value)
 
 
 def shorten_value(value: Any, max_length: int = 60) -> str:
