@@ -47,8 +47,8 @@ class PanoramaScoresConfig(ComponentConfig):
     )
     nearest_scene: bool = match_only(
         True,
-        description="which place the best match supports if the matched reference frame is in a doorway. true: a room, "
-        "namely that of the nearest reference frame in a room to the estimated pose of the query; false: the doorway. "
+        description="which place the best match supports if the matched reference frame is in a doorway. true: a room. "
+        "Of all reference frames in rooms, the one nearest to the estimated pose gives this room; false: the doorway. "
         "`saliency-graph` answers with this place. `saliency-places` uses the score of the match as evidence for it",
     )
 

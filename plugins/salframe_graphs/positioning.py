@@ -213,8 +213,9 @@ class LeastSquaresPositioner(Positioner):
         )
         angle: Literal["atan2", "arccos"] = Field(
             "atan2",
-            description="how the angle between two directions is computed: from the query to an object, and from the "
-            "estimated position to the matched object. atan2: with sign; arccos: without sign, as in the paper",
+            description="formula of the angle between two directions, from which the yaw is computed: the direction "
+            "from the query to an object, and that from the estimated position to the matched object. atan2: with "
+            "sign; arccos: without sign, as in the paper",
         )
         mean: Literal["circular", "arithmetic"] = Field(
             "circular",

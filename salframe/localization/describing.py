@@ -55,8 +55,10 @@ def required_parts(localizer: Localizer, provides: frozenset[str]) -> frozenset[
 
 
 def check_parts(localizer: Localizer, panorama: Panorama, remedy: Callable[[], str] | None = None) -> None:
-    """Raise InputMissing if a panorama lacks a part that the localizer requires. The error message ends with the text
-    that `remedy` returns."""
+    """Raise InputMissing if a panorama lacks an input that the localizer requires, such as range.
+
+    The error message ends with the text that `remedy` returns.
+    """
     if missing := required_parts(localizer, panorama.provides) - panorama.provides:
         parts = " and ".join(sorted(missing))
         reason = f"the method {localizer.name!r} needs {parts}, which {panorama.display_name} does not have"
