@@ -283,10 +283,10 @@ def _problem(location: _Location, problem: Any, where: str, overrides: Sequence[
     prefix = f"{file}: " if file else ""
     if problem["type"] == "extra_forbidden":
         model = location.model
-        known = None if model is None else [name for name in model.model_fields if name != "kind"]
+        names = None if model is None else [name for name in model.model_fields if name != "kind"]
         component = getattr(model, "component", None)
         owner = component.name if component else key.rpartition(".")[0]
-        return prefix + unknown_key(noun, key, known, owner=owner), ""
+        return prefix + unknown_key(noun, key, names, owner=owner), ""
     if problem["type"] == "missing":
         return f"{prefix}the required {noun} {key} is missing", ""
     start = f"{prefix}{noun} {key}" if key else file

@@ -20,9 +20,9 @@ def test_the_conformal_test_accepts_at_most_its_share_of_out_of_map_queries():
     for level in (0.05, 0.1, 0.26):
         accepted = []
         for _ in range(300):
-            known = tuple(np.sort(rng.beta(4, 2, 39)).tolist())
+            in_map = tuple(np.sort(rng.beta(4, 2, 39)).tolist())
             queries = 1 - rng.beta(4, 2, 200)
-            made = MapCalibration(head=HEAD, present_frames=0, absent_in_map=known)
+            made = MapCalibration(head=HEAD, present_frames=0, absent_in_map=in_map)
             limit = made.max_out_of_map_probability(level)
             if limit < 0.5:
                 accepted.append((queries <= limit).mean())
@@ -52,14 +52,14 @@ def test_the_conformal_test_needs_enough_frames():
 
 
 def test_an_answer_that_fails_the_conformal_test_is_not_accepted():
-    found = spied_map([4] * 10)
-    answer = found.answer({"value": np.array([2.5])})
+    spied = spied_map([4] * 10)
+    answer = spied.answer({"value": np.array([2.5])})
     assert answer.accepted is True
-    found.require_false_accept(0.1)
-    known = np.array(found.calibration.absent_in_map)
+    spied.require_false_accept(0.1)
+    in_map = np.array(spied.calibration.absent_in_map)
     for value in np.linspace(0, 100, 41):
-        answer = found.answer({"value": np.array([value])})
-        rank = (1 + (known >= 1 - answer.out_of_map_probability).sum()) / (1 + len(known))
+        answer = spied.answer({"value": np.array([value])})
+        rank = (1 + (in_map >= 1 - answer.out_of_map_probability).sum()) / (1 + len(in_map))
         assert answer.accepted is bool(rank <= 0.1 and answer.out_of_map_probability <= 0.5)
 
 

@@ -35,17 +35,17 @@ def test_mean_and_deviation_are_averaged_with_those_of_the_posterior():
     contrast = np.array([5.0, 7.0, 9.0])
     unknown = np.zeros(3, int)
     answers = FrameAnswers(contrast, unknown, np.zeros(3, bool), np.ones(3, bool), np.full(3, np.nan), np.arange(3))
-    found = calibrate_head(POSTERIOR, answers)
-    assert found.absent_mean == pytest.approx((21 + ABSENT_PRIOR * 2) / (3 + ABSENT_PRIOR))
-    assert found.absent_deviation == pytest.approx(np.sqrt((8 + ABSENT_PRIOR * 1) / (3 + ABSENT_PRIOR)))
-    assert (found.accuracy, found.bias, found.slope) == (pytest.approx(0.75), HEAD.bias, HEAD.slope)
+    calibrated = calibrate_head(POSTERIOR, answers)
+    assert calibrated.absent_mean == pytest.approx((21 + ABSENT_PRIOR * 2) / (3 + ABSENT_PRIOR))
+    assert calibrated.absent_deviation == pytest.approx(np.sqrt((8 + ABSENT_PRIOR * 1) / (3 + ABSENT_PRIOR)))
+    assert (calibrated.accuracy, calibrated.bias, calibrated.slope) == (pytest.approx(0.75), HEAD.bias, HEAD.slope)
 
 
 def test_a_map_without_answers_has_the_head_of_the_posterior():
     none, never = np.zeros(0, int), np.zeros(0, bool)
     nothing = FrameAnswers(np.zeros(0), none, never, never, np.zeros(0), none)
-    found = calibrate_head(POSTERIOR, nothing)
-    assert found.model_dump(exclude={"evidence"}) == pytest.approx(HEAD.model_dump(exclude={"evidence"}))
+    calibrated = calibrate_head(POSTERIOR, nothing)
+    assert calibrated.model_dump(exclude={"evidence"}) == pytest.approx(HEAD.model_dump(exclude={"evidence"}))
 
 
 def test_numbers_of_objects_scale_the_contrasts_of_out_of_map_frames():
@@ -57,10 +57,10 @@ def test_numbers_of_objects_scale_the_contrasts_of_out_of_map_frames():
     unknown = np.zeros(8000)
     answers = FrameAnswers(contrast, objects, unknown > 0, unknown == 0, np.full(8000, np.nan), np.arange(8000))
     head = HEAD.model_copy(update={"objects": 7.0, "mean_effect": 0.5, "deviation_effect": 0.25})
-    found = calibrate_head(POSTERIOR.model_copy(update={"head": head}), answers)
-    assert found.objects == 10
-    assert found.absent_mean == pytest.approx(3, rel=0.02)
-    assert found.absent_deviation == pytest.approx(
+    calibrated = calibrate_head(POSTERIOR.model_copy(update={"head": head}), answers)
+    assert calibrated.objects == 10
+    assert calibrated.absent_mean == pytest.approx(3, rel=0.02)
+    assert calibrated.absent_deviation == pytest.approx(
         0.5, rel=0.04
     )  # the deviation of the posterior has a weight of 0.1 %
 
@@ -74,16 +74,16 @@ def test_evidence_of_out_of_map_frames_is_averaged_with_the_posterior():
     outline = {"outline": np.array([4.0, 8.0, np.nan])}
     distance = np.full(3, np.nan)
     answers = FrameAnswers(np.full(3, 2.0), unknown, ~absent, absent, distance, np.arange(3), evidence=outline)
-    found = calibrate_head(posterior, answers).evidence["outline"]
-    assert found.absent_mean == pytest.approx((12 + ABSENT_PRIOR * 1) / (2 + ABSENT_PRIOR))
-    assert found.absent_deviation == pytest.approx(np.sqrt((8 + ABSENT_PRIOR * 4) / (2 + ABSENT_PRIOR)))
-    assert (found.bias, found.slope) == (-0.5, 1.0)
+    calibrated = calibrate_head(posterior, answers).evidence["outline"]
+    assert calibrated.absent_mean == pytest.approx((12 + ABSENT_PRIOR * 1) / (2 + ABSENT_PRIOR))
+    assert calibrated.absent_deviation == pytest.approx(np.sqrt((8 + ABSENT_PRIOR * 4) / (2 + ABSENT_PRIOR)))
+    assert (calibrated.bias, calibrated.slope) == (-0.5, 1.0)
 
 
 def test_accuracy_at_the_distance_of_queries_is_a_share():
     answers = drawn(40, 0, 2.0, 1.0, 0.4)
-    found = calibrate_head(POSTERIOR, answers).accuracy
-    assert found == pytest.approx((answers.is_right.sum() + ACCURACY_PRIOR * 0.75) / (40 + ACCURACY_PRIOR))
+    calibrated = calibrate_head(POSTERIOR, answers).accuracy
+    assert calibrated == pytest.approx((answers.is_right.sum() + ACCURACY_PRIOR * 0.75) / (40 + ACCURACY_PRIOR))
 
 
 def test_accuracy_at_another_distance_maximizes_the_likelihood():
@@ -140,17 +140,17 @@ def test_frames_that_are_far_from_each_other_do_not_change_the_bias():
 
 def test_cross_validation_measures_the_gain():
     """The scores of this map differ much more than the tuning data of the posterior: all frames seem to be in it."""
-    found = spied_map([3] * 12).calibration
-    assert (found.present_frames, len(found.absent_in_map)) == (36, 36)
-    assert found.after.log_loss < found.before.log_loss
-    assert found.after.brier_score < found.before.brier_score
+    calibrated = spied_map([3] * 12).calibration
+    assert (calibrated.present_frames, len(calibrated.absent_in_map)) == (36, 36)
+    assert calibrated.after.log_loss < calibrated.before.log_loss
+    assert calibrated.after.brier_score < calibrated.before.brier_score
 
 
 @pytest.mark.parametrize("places", [1, 2, 3])
 @pytest.mark.parametrize("count", [1, 2])
 def test_small_maps_have_probabilities(places, count):
-    found = spied_map([count] * places)
-    answer = found.answer({"value": np.array([0.4])})
+    calibrated = spied_map([count] * places)
+    answer = calibrated.answer({"value": np.array([0.4])})
     total = sum(place.probability for place in answer.places) + answer.out_of_map_probability
     assert total == pytest.approx(1)
     assert 0 < answer.out_of_map_probability < 1
@@ -158,18 +158,18 @@ def test_small_maps_have_probabilities(places, count):
 
 
 def test_a_saved_map_keeps_its_calibration_and_a_changed_map_is_calibrated_again(tmp_path):
-    found = spied_map([3, 2, 2])
-    found.save(tmp_path / "map")
-    localizer = Spy(found.localizer.config)
+    calibrated = spied_map([3, 2, 2])
+    calibrated.save(tmp_path / "map")
+    localizer = Spy(calibrated.localizer.config)
     opened = LocalizationMap.open(tmp_path / "map", localizer)
-    assert opened.calibration == found.calibration
+    assert opened.calibration == calibrated.calibration
     opened.remove(["place-1"])
-    assert opened.calibration != found.calibration
-    rest = [i for i, frame in enumerate(found.frames) if frame.place != "place-1"]
+    assert opened.calibration != calibrated.calibration
+    rest = [i for i, frame in enumerate(calibrated.frames) if frame.place != "place-1"]
     again = LocalizationMap.from_descriptions(
-        Spy(found.localizer.config),
-        [found.descriptions()[i] for i in rest],
-        [found.frames[i] for i in rest],
+        Spy(calibrated.localizer.config),
+        [calibrated.descriptions()[i] for i in rest],
+        [calibrated.frames[i] for i in rest],
         calibrate=True,
     )
     assert again.calibration == opened.calibration

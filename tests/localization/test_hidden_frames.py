@@ -12,8 +12,8 @@ from salframe.panoramas.geometry import pose_2d
 
 
 def test_a_frame_is_never_in_the_map_that_it_is_localized_in():
-    found = spied_map([4, 2, 1, 3])
-    matches, indexed = found.localizer.matches, {frame.id for frame in found.frames}
+    spied = spied_map([4, 2, 1, 3])
+    matches, indexed = spied.localizer.matches, {frame.id for frame in spied.frames}
     present, absent = [], []
     for value, shown in matches:
         place, number = divmod(int(value), 10)
@@ -24,7 +24,7 @@ def test_a_frame_is_never_in_the_map_that_it_is_localized_in():
     scenes = sorted(indexed - {"door"})
     assert sorted(absent) == scenes  # every scene frame once, in the map without its place
     assert sorted(present) == [id for id in scenes if id != "2-0"]  # a place of one frame has no other
-    assert len(found.localizer.frames) == len(indexed)  # the whole map is indexed afterwards
+    assert len(spied.localizer.frames) == len(indexed)  # the whole map is indexed afterwards
 
 
 def test_doorways_to_a_hidden_place_are_hidden_too():
