@@ -64,9 +64,9 @@ class AnnotationsConfig(QueryView):
     one_map: bool = match_only(
         False,
         description="true: a map contains all buildings together, 1 km apart along x; false: a map contains one "
-        "building. For a single map, also set `map_share`. Without it, the viewpoint of a query must not be in its "
-        "map (see `leave_out`), so there are several maps, each with at most one query from each building. If the "
-        "dataset has a single building, true and false give the same maps",
+        "building. In both cases there are several maps, because the map of a query must not contain its viewpoint "
+        "(see `leave_out`). To get a single map of all buildings, set one_map=true and `map_share`. If the dataset "
+        "has a single building, true and false give the same maps",
     )
     map_share: float | None = added(
         None,

@@ -112,7 +112,7 @@ class _ClosedSetModel(ViewModel):
 
 
 class BoxModel(_ClosedSetModel):
-    """Object detection with a fixed list of classes, such as DETR and RT-DETR."""
+    """An object detection network with a fixed list of classes. Examples are DETR and RT-DETR."""
 
     def _detect_batch(self, views: np.ndarray) -> list[ImageDetections]:
         output = self._model.run(self._model.prepare(views))

@@ -58,7 +58,11 @@ class Views:
         return np.concatenate([ring.cut(image) for ring in self.rings])
 
     def visible_views(self, valid: np.ndarray) -> np.ndarray:
-        """Return whether each view shows at least one pixel of the mask `valid` (HEIGHT, 2 HEIGHT) bool, (V,) bool."""
+        """Return (V,) bool: whether each of the V views shows at least one valid pixel.
+
+        Args:
+            valid: (HEIGHT, 2 HEIGHT) bool, true for the valid pixels of the panorama.
+        """
         rays = equirectangular_rays(HEIGHT)[valid]
         return np.array([ring.project(rays, view)[1].any() for ring in self.rings for view in range(ring.count)], bool)
 

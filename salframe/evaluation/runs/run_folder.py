@@ -256,7 +256,15 @@ class Run:
         return self.directory / METHODS / name
 
     def rows(self, label: str, kind: type[Kind]) -> list[Kind]:
-        """Return the rows that a method has so far. Raises DataError on a row that is not a valid `kind`."""
+        """Return the results that the run stored for a method so far, one row of type `kind` per query.
+
+        Args:
+            label: The name of the method in the run.
+            kind: The model of a row.
+
+        Raises:
+            DataError: A stored row is not a valid `kind`.
+        """
         return list(read_rows(self.folder(label) / ROWS, kind))
 
     def outcome(self, label: str) -> Outcome | None:

@@ -71,6 +71,9 @@ class Published:
 
 
 def find_published(episodes: object) -> Published | None:
-    """Return the split of a text "BENCHMARK:SPLIT"; None if BENCHMARK is not the name of a scorer."""
+    """Return the published split that `episodes` names as "BENCHMARK:SPLIT", such as "reverie:val_seen".
+
+    None if `episodes` is another value, or if no plugin scores this benchmark.
+    """
     task, colon, split = str(episodes).partition(":")
     return Published(task, split) if colon and task in registry().names("scorer") else None
