@@ -172,7 +172,8 @@ class MapPlaces:
     def camera_z_m(self, place: int, camera_height_m: float) -> float:
         """Return the world z of a camera at the height `camera_height_m` above the floor of a place, in metres.
 
-        If that height or the height of the place's cameras is unknown, return the median z of the place's cameras.
+        If `camera_height_m` is unknown, or the height of the place's cameras above the floor is unknown, return the
+        median world z of these cameras.
         """
         frames = self.scene_frames.frame[self.scene_frames.start[place] : self.scene_frames.start[place + 1]]
         return float(np.median(self._frames_m[frames, 2]) - self.index.camera_height_offset_m(camera_height_m)[place])

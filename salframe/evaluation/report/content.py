@@ -20,7 +20,7 @@ MAX_SHOWN = 8
 def make_content(
     views: Sequence[RunView[Any, Any]], arms: Sequence[Arm], about: str, columns: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return, as JSON, the part of the content of an HTML page that is the same for all tasks.
+    """Return the sections that the HTML pages of all tasks have, filled with these runs, as a JSON object.
 
     Args:
         views: The runs, of one task.

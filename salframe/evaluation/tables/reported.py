@@ -49,7 +49,13 @@ class Reported(Settings):
 
 
 def read_reported() -> tuple[Reported, ...]:
-    """Return the papers in the folders reported/ of presets, ordered by file name. Raises ConfigError."""
+    """Return the results that papers report, one entry per paper, ordered by file name.
+
+    The files are in the subfolders `reported/` of the folders of presets.
+
+    Raises:
+        ConfigError: A file is not valid.
+    """
     presets = registry()
     paths = [presets.find_preset("reported", name) for name in presets.list_presets("reported")]
     return tuple(validate(Reported, read_yaml(path), f"{path.name}:") for path in paths if path is not None)

@@ -94,12 +94,14 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
             length, at = _varint(message, at)
             if at + length > len(message):
                 raise ValueError(
-                    "it is damaged or has another format (a protobuf field is longer than the part that contains it)"
+                    "a protobuf field is longer than the part that contains it, so the file is damaged or has another format"
                 )
             yield key >> 3, message[at : at + length]
             at += length
         else:
-            raise ValueError(f"it is damaged or has another format (protobuf wire type {kind}, expected 0, 1, 2 or 5)")
+            raise ValueError(
+                f"it contains the protobuf wire type {kind}, expected 0, 1, 2 or 5; it is damaged or has another format"
+            )
 
 
 def _varint(message: memoryview, at: int) -> tuple[int, int]:
@@ -111,4 +113,4 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
             return value, at
-    raise ValueError("it is damaged or has another format (an integer of more than 64 bits)")
+    raise ValueError("it contains an integer of more than 64 bits, so it is damaged or has another format")
