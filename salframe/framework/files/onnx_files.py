@@ -94,7 +94,7 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
             length, at = _varint(message, at)
             if at + length > len(message):
                 raise ValueError(
-                    "a protobuf field is longer than the part that contains it, so the file is damaged or has another format"
+                    "a protobuf field is longer than its message, so the file is damaged or has another format"
                 )
             yield key >> 3, message[at : at + length]
             at += length
