@@ -47,9 +47,10 @@ class PanoramaScoresConfig(ComponentConfig):
     )
     nearest_scene: bool = match_only(
         True,
-        description="which place the best match supports if the matched reference frame is in a doorway. true: a room. "
-        "Of all reference frames in rooms, the one nearest to the estimated pose gives this room; false: the doorway. "
-        "`saliency-graph` answers with this place. `saliency-places` uses the score of the match as evidence for it",
+        description="place of a match whose reference frame is in a doorway. true: the room of the reference frame "
+        "that is nearest to the estimated pose, without frames in doorways; false: the doorway. `saliency-graph` "
+        "answers with the place of the best match. `saliency-places` uses the score of this match as evidence for "
+        "the place",
     )
 
 

@@ -88,7 +88,9 @@ class PerspectiveImporter(Importer):
 
     class Config(StationSettings):
         transforms: str = Field(
-            "transforms.json", min_length=1, description="name of the JSON file in the folder that lists the images"
+            "transforms.json",
+            min_length=1,
+            description="name of the JSON file that lists the images, in the imported folder",
         )
         pose_convention: PoseConvention = Field(
             "opengl-z-up",

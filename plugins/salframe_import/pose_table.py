@@ -25,7 +25,7 @@ class PoseSettings(ComponentConfig):
     """Settings of importers that read the poses from a CSV file."""
 
     poses: str = Field(
-        "poses.csv", min_length=1, description="name of the CSV file in the folder that contains the poses"
+        "poses.csv", min_length=1, description="name of the CSV file with the poses, in the imported folder"
     )
     pose_convention: PoseConvention = Field(
         "ros",

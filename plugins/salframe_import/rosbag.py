@@ -64,8 +64,9 @@ class RosBagImporter(Importer):
         )
         poses: str | None = Field(
             None,
-            description="source of the poses: the name of an odometry topic, or `tf`; null: `tf` if tf has the frame "
-            "`map`, if `world` has a value, or if the bag has no odometry topic; otherwise the only odometry topic",
+            description="source of the poses: the name of an odometry topic, or `tf`; null: `tf` in any of three "
+            "cases: tf has the frame `map`, `world` has a value, or the bag has no odometry topic. In all other cases, "
+            "the only odometry topic",
         )
         world: str | None = Field(
             None,
@@ -114,8 +115,9 @@ class RosBagImporter(Importer):
             ge=2,
             description="number of successive views that form a group; must be larger than `num_views`. A view is an "
             "image at which the camera has moved by view_distance_m or turned by view_turn_deg since the previous "
-            "view. The last `num_views` views of each group are a query. Images between the views of a query are left "
-            "out. All other images are reference frames. Only used if num_views is over 0",
+            "view. The last `num_views` views of each group are a query, and the other images between these views are "
+            "left out. All other images of the recording, views or not, are reference frames. Only used if "
+            "num_views is over 0",
         )
         view_distance_m: float = Field(
             0.5,

@@ -94,7 +94,7 @@ class PlanDrawing:
         """Return the pixel coordinates (..., 2) of points (..., 2) in metres."""
         return (np.asarray(points_m, float) - self._corner_m) * (self.scale, -self.scale) + MARGIN_PX
 
-    def outline(self, rings_m: Iterable[np.ndarray], **style: str) -> None:
+    def fill_rings(self, rings_m: Iterable[np.ndarray], **style: str) -> None:
         """Fill the area inside closed rings (K, 2) of points in metres, by the even-odd rule."""
         path = " ".join(f"M{_listed(self.pixels(ring))}Z" for ring in rings_m)
         self._add("path", d=path, fill_rule="evenodd", **style)
@@ -114,7 +114,7 @@ class PlanDrawing:
         """Draw an arrow head at a point (2,) in metres. It points to `yaw_rad`, counter-clockwise from the x axis."""
         turn = np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
         head = np.array([(0.6, 0.0), (-0.4, 0.4), (-0.2, 0.0), (-0.4, -0.4)]) * length_px / self.scale
-        self.outline([head @ turn.T + np.asarray(point_m)], fill=colour, stroke=PAPER)
+        self.fill_rings([head @ turn.T + np.asarray(point_m)], fill=colour, stroke=PAPER)
 
     def text(self, point_m: np.ndarray, text: str, **style: str) -> None:
         """Write a text with its middle at a point (2,) in metres."""

@@ -53,7 +53,7 @@ def graph_html(
     colours = [COLOURS[distinct.index(label) % len(COLOURS)] for label in labels]
     for i in range(len(labels)):
         if has_range[i]:
-            drawing.outline([footprints_m[i]], fill=colours[i], fill_opacity="0.2", stroke=colours[i])
+            drawing.fill_rings([footprints_m[i]], fill=colours[i], fill_opacity="0.2", stroke=colours[i])
         else:
             drawing.line(np.stack([start_m[i], at_m[i]]), stroke=colours[i])
     for (a, b), share in zip(edges, weights / max(weights.max(initial=0), 1e-9), strict=True):

@@ -59,7 +59,7 @@ def localization_html(
             drawing = draw_floor(floor, T_world_query[None, :2, 3])
             if covariance is not None and np.isfinite(covariance[:2, :2]).all():
                 ellipse_m = confidence_ellipse(covariance[:2, :2]) + T_world_query[:2, 3]
-                drawing.outline([ellipse_m], fill=POSE_COLOUR, fill_opacity="0.2", stroke=POSE_COLOUR)
+                drawing.fill_rings([ellipse_m], fill=POSE_COLOUR, fill_opacity="0.2", stroke=POSE_COLOUR)
             drawing.arrow(T_world_query[:2, 3], yaw_rad, POSE_COLOUR)
             parts.append(drawing.svg)
     return to_html(*parts, *(element("p", f"note: {note}") for note in notes))

@@ -150,7 +150,7 @@ def read_episode_requests(path: Path) -> tuple[EpisodeRequest, ...]:
     return requests
 
 
-def place_episodes(
+def resolve_episodes(
     requests: Sequence[EpisodeRequest], sites: Mapping[str, Site], seed: int
 ) -> tuple[list[Episode], list[str]]:
     """Convert the episodes of a file to episodes with a start pose, and check that they can be walked.

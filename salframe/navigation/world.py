@@ -84,7 +84,7 @@ class World(ABC):
         """Return a random pose T_world_pano (4, 4) of an agent in a region (room), uniform over position and heading.
 
         Raises:
-            DataError: An agent fits nowhere in a region.
+            DataError: No region has enough free space for an agent.
         """
 
     @abstractmethod

@@ -61,10 +61,12 @@ def draw_floor(floor: FloorMasks, points_m: np.ndarray, width_px: int = 420) -> 
     free = floor_outlines(floor, floor.free | (floor.region > 0))
     rings = [polygon[0] for polygon in free]
     drawing = PlanDrawing(np.concatenate([points_m, *rings]) if rings else points_m, width_px, "plan of the floor")
-    drawing.outline([ring for polygon in free for ring in polygon], fill="#f0f1f4", stroke="#5c6068", stroke_width="2")
+    drawing.fill_rings(
+        [ring for polygon in free for ring in polygon], fill="#f0f1f4", stroke="#5c6068", stroke_width="2"
+    )
     for number, polygons in areas.items():
         colour = "#{:02x}{:02x}{:02x}".format(*REGION_COLOURS[number % len(REGION_COLOURS)])
-        drawing.outline([ring for polygon in polygons for ring in polygon], fill=colour, stroke="#5c6068")
+        drawing.fill_rings([ring for polygon in polygons for ring in polygon], fill=colour, stroke="#5c6068")
     for number, polygons in areas.items():
         if polygons:
             corners = max((polygon[0] for polygon in polygons), key=lambda ring: float(np.ptp(ring, axis=0).prod()))

@@ -12,7 +12,7 @@ from salframe_planners.planners import Dijkstra
 
 from salframe.framework.errors import DataError
 from salframe.navigation.agent_localizer import localize_nearest
-from salframe.navigation.episodes import Site, draw_episodes, place_episodes, read_episode_requests
+from salframe.navigation.episodes import Site, draw_episodes, read_episode_requests, resolve_episodes
 from salframe.navigation.guide import Guide
 from salframe.panoramas.geometry import pose_yaw
 
@@ -140,7 +140,7 @@ def test_an_unknown_viewpoint_is_one_line(world, tmp_path, entry, line):
     path = tmp_path / "episodes.json"
     path.write_text(json.dumps([entry]))
     with pytest.raises(DataError, match=line):
-        place_episodes(read_episode_requests(path), {"fake": Site(world, Guide(world.chart, Dijkstra.Config()))}, 0)
+        resolve_episodes(read_episode_requests(path), {"fake": Site(world, Guide(world.chart, Dijkstra.Config()))}, 0)
 
 
 def test_a_building_without_neighbours_is_malformed(building):

@@ -15,7 +15,7 @@ from salframe.localization.answers import Localization, LocalizationStatus, Rank
 from salframe.localization.tracker import Tracker
 from salframe.navigation.agent import Agent, Located
 from salframe.navigation.agent_localizer import localize_nearest
-from salframe.navigation.episodes import EpisodeRequest, Site, draw_episodes, place_episodes
+from salframe.navigation.episodes import EpisodeRequest, Site, draw_episodes, resolve_episodes
 from salframe.navigation.guide import Guide
 from salframe.navigation.walk import NavigationConfig, walk
 from salframe.navigation.world import floor_worlds, open_worlds
@@ -93,7 +93,7 @@ def test_an_agent_without_noise_walks_the_shortest_path_across(site):
     quiet = {"turn_noise_deg": 0.0, "length_noise": 0.0, "odometry_turn_noise_deg": 0.0, "odometry_length_noise": 0.0}
     config = NavigationConfig(**quiet)
     request = EpisodeRequest(start=(3.0, 2.0), floor=1, goal="up-b", yaw_deg=30.0)
-    ([episode], _) = place_episodes([request], {"floor": site}, 0)
+    ([episode], _) = resolve_episodes([request], {"floor": site}, 0)
     assert episode.shortest_m == pytest.approx(2.0 + STAIRS_M + 6.0)
     row = walk(site, lambda pose, yaw_rad, turn: at(pose), episode, config, 0)
     assert row["success"]
@@ -117,7 +117,7 @@ def test_the_floor_of_a_start_is_stated(site):
     with pytest.raises(
         DataError, match="floor has 2 floors, but the start has no floor: set `floor` to a number from 1 to 2"
     ):
-        place_episodes([EpisodeRequest(start=(3.0, 2.0), goal="up-b")], {"floor": site}, 0)
+        resolve_episodes([EpisodeRequest(start=(3.0, 2.0), goal="up-b")], {"floor": site}, 0)
     with pytest.raises(DataError, match="floor has no floor 3, expected a number from 1 to 2"):
         site.world.stand(3.0, 2.0, 0.0, 3)
     assert site.world.stand(3.0, 2.0, 0.0, 2)[2, 3] == STOREY_M + CAMERA_M

@@ -11,7 +11,7 @@ from apartment_plugin import Apartment, masks, references
 from salframe_planners.planners import Dijkstra
 
 from salframe.framework.errors import DataError
-from salframe.navigation.episodes import Site, draw_episodes, place_episodes, read_episode_requests
+from salframe.navigation.episodes import Site, draw_episodes, read_episode_requests, resolve_episodes
 from salframe.navigation.guide import Guide
 from salframe.navigation.world import FloorWorld
 from salframe.panoramas.geometry import pose_yaw
@@ -51,7 +51,7 @@ def test_a_file_gives_starts_and_goals(sites):
     path = write(
         [{"start": [1.0, 1.0], "goal": "b", "yaw_deg": 90}, {"start": "a-west", "goal": "b", "world": "floor"}]
     )
-    episodes, left_out = place_episodes(read_episode_requests(path), sites, 0)
+    episodes, left_out = resolve_episodes(read_episode_requests(path), sites, 0)
     assert not left_out
     first, second = (np.reshape(episode.start, (4, 4)) for episode in episodes)
     np.testing.assert_allclose(first[:3, 3], [1.0, 1.0, 1.5])
@@ -76,14 +76,14 @@ def test_a_file_gives_starts_and_goals(sites):
     ],
 )
 def test_an_episode_that_cannot_be_walked_costs_only_itself(sites, entry, line):
-    episodes, left_out = place_episodes(
+    episodes, left_out = resolve_episodes(
         read_episode_requests(write([{"start": "a-west", "goal": "b"}, entry])), sites, 0
     )
     assert [episode.number for episode in episodes] == [0]
     with pytest.raises(DataError, match=line):
         raise DataError(*left_out)
     with pytest.raises(DataError, match=line.replace("episode 1", "episode 0")):
-        place_episodes(read_episode_requests(write([entry])), sites, 0)
+        resolve_episodes(read_episode_requests(write([entry])), sites, 0)
 
 
 def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
@@ -94,7 +94,7 @@ def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
     with pytest.raises(
         DataError, match="episode 0: obstacles in the building floor block every path from the start to b"
     ):
-        place_episodes(read_episode_requests(write([{"start": "a-west", "goal": "b"}])), sites, 0)
+        resolve_episodes(read_episode_requests(write([{"start": "a-west", "goal": "b"}])), sites, 0)
 
 
 @pytest.mark.parametrize(
@@ -114,12 +114,12 @@ def test_a_malformed_file_is_one_line(sites, content, line):
 
 def test_a_file_without_episodes_is_one_line(sites):
     with pytest.raises(DataError, match=r"episodes\.json contains no episode, expected a list of at least one"):
-        place_episodes(read_episode_requests(write([])), sites, 0)
+        resolve_episodes(read_episode_requests(write([])), sites, 0)
 
 
 def test_several_worlds_must_be_told_apart(sites):
     with pytest.raises(DataError, match=r"episode 0: the episode has no `world` .*, expected one of floor, attic"):
-        place_episodes(
+        resolve_episodes(
             read_episode_requests(write([{"start": "b", "goal": "a-west"}])), {**sites, "attic": sites["floor"]}, 0
         )
 

@@ -45,7 +45,7 @@ def degrade(rgb: np.ndarray, range_m: np.ndarray, rng: np.random.Generator) -> t
 
 class Samples(Dataset):
     """Random samples. Sample i depends only on the seed and i, so a resumed run is identical to one that was not
-    interrupted. All samples of a batch have the same rows.
+    interrupted. A sample is a whole panorama or a band of its image rows, the same band for all samples of a batch.
 
     `shares` (V,) float64 with sum 1 are the probabilities of the panoramas.
     """

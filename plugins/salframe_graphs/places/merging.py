@@ -24,7 +24,7 @@ class Place:
 
     Attributes:
         name: Name of the place.
-        frames: Indices in the map of the reference frames of the place that are not in doorways.
+        frames: Indices of the reference frames of this place in the map, without frames in doorways.
         labels: M labels.
         centroid_m: (M, 3) mean of the sightings in the world, weighted by inverse variance.
         variance_m2: (M,) variance of the mean position along each axis.

@@ -59,11 +59,11 @@ Kind = TypeVar("Kind", bound=PieceRow)
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a method's work.
+    """The end of a method's work in a run.
 
     Attributes:
-        status: The outcome.
-        reason: Reason for this outcome, or a warning.
+        status: How the work ended.
+        reason: Why it ended so, or a warning.
         input: Parts of panoramas that the method received as input.
         seconds: Duration of the work; None if it was resumed.
     """

@@ -118,7 +118,7 @@ class Download:
         return self.urls[0]
 
     def address(self, url: str, file: WeightsFile) -> str:
-        """Return the address of a file for one of the URLs."""
+        """Return the address from which `file` is downloaded. `url` is one of the URLs of the weights."""
         return f"{url}/{file.name}"
 
     def installed(self, file: WeightsFile) -> Path | None:
@@ -198,7 +198,7 @@ class Link(Download):
     """One file with complete URLs, which may end in another name. Further URLs are tried if the first fails."""
 
     def address(self, url: str, file: WeightsFile) -> str:
-        """Return the URL itself."""
+        """Return the address from which `file` is downloaded, which is `url` itself."""
         return url
 
 

@@ -44,8 +44,8 @@ from salframe.navigation.episodes import (
     NumEpisodes,
     Site,
     draw_episodes,
-    place_episodes,
     read_episode_requests,
+    resolve_episodes,
 )
 from salframe.navigation.guide import Guide
 from salframe.navigation.walk import SUCCESS_LIMITS_M, NavigationConfig
@@ -120,7 +120,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
         if isinstance(self.requests, int):
             episodes, left_out = draw_episodes(sites, self.requests, self.seed)
         else:
-            episodes, left_out = place_episodes(self.requests, sites, self.seed)
+            episodes, left_out = resolve_episodes(self.requests, sites, self.seed)
         if self.published:
             left_out.append(self.published.note)
         # World by world, so that a localizer loads the map of each world once.

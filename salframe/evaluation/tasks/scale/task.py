@@ -96,7 +96,7 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
             raise TypeError(f"the argument options has the type {type(options).__name__}, expected ScaleOptions")
         if len(options.scenes) != 1:
             raise TypeError(
-                f"options.scenes is {list(options.scenes)}, expected one number of panoramas, such as [100]"
+                f"options.scenes is {list(options.scenes)}, expected a list of one number of panoramas, such as [100]"
             )
         return cls(options.scenes[0]), resolve(request)
 
