@@ -215,8 +215,8 @@ CHOICES = {
     "scene-index": "`--set scene_index.kind=NAME` chooses the index with which `proposed` selects places. "
     "`--set matcher.scene_index.kind=NAME` chooses the index of the matcher, which compares the query with "
     "single panoramas. `saliency-graph` and its variants, such as `usg`, have only the index of the matcher. "
-    "`proposed` has both: the matcher computes a part of the score of a place, the "
-    "[evidence](../../explanation/place-evidence.md) `panorama`.",
+    "`proposed` has both, because it also uses the matcher: the matcher computes the "
+    "[evidence](../../explanation/place-evidence.md) `panorama`, which is one part of the score of a place.",
     "feature-matcher": "Choose the feature matcher of the localizer `keypoints` with `--set features.kind=NAME`, and "
     "change its settings with `--set features.KEY=VALUE`.",
     "image-network": "Choose the image network of the localizer `image` with `--set network.kind=NAME`, and change its "

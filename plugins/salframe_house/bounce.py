@@ -59,7 +59,14 @@ class Bounce:
         self._corner_m = (np.floor(centre_m / _PATCH_M - np.divide(_PATCHES, 2)) * _PATCH_M).astype(np.float32)
 
     def irradiance(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, rays: int) -> np.ndarray:
-        """Return the irradiance (N, 3) float32, in Fortran order, at points (N, 3), each from `rays` rays."""
+        """Return the irradiance (N, 3) float32, in Fortran order, at points.
+
+        Args:
+            point_m: The points (N, 3).
+            normal: The unit normals (N, 3) of the surface at the points.
+            sample_set: (N,) int in [0, INTERLEAVED). The set of ray directions of each point.
+            rays: Number of rays per point.
+        """
         surface = self._gather(point_m, normal, sample_set, rays)
         key, hit = self._patch_key(surface), surface.hit
         patch_of = np.full(math.prod(_PATCHES) * 6, -1)

@@ -59,7 +59,7 @@ def read_pose_table(path: Path, config: PoseSettings) -> dict[str, PoseRow]:
 
     Raises:
         DataError: A column is missing, a value is invalid, or a picture has two rows.
-        ConfigError: The convention does not apply to the columns.
+        ConfigError: The setting `pose_convention` does not apply to the columns of the table.
     """
     texts = read_csv_texts(path, ("picture", *POSITION), ("place", "yaw_deg", *QUATERNION))
     has_quaternion = set(QUATERNION) <= texts.keys()
