@@ -59,8 +59,10 @@ class Chart(ABC):
         return position_m
 
     def with_margin(self) -> Chart:
-        """Return the chart (knowledge of an agent about a building) with a safety margin to walls. In this chart, parts
-        of the building may be out of reach. The default returns the chart itself."""
+        """Return the chart (knowledge of an agent about a building) with a safety margin to walls.
+
+        In the returned chart, parts of the building may be unreachable. A chart without such a margin returns itself.
+        """
         return self
 
     def after_collision(self, T_world_pano: np.ndarray, again: bool) -> Chart:

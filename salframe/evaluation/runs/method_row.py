@@ -97,7 +97,7 @@ class MethodRow(ABC):
 
     @property
     def crashed(self) -> bool:
-        """Whether the method raised an exception or its process died, on one piece of work or as a whole."""
+        """Whether an exception or the death of a process ended one piece of the method's work, or all of it."""
         return self.ended is MethodStatus.CRASHED or PieceStatus.CRASHED in self.status
 
 

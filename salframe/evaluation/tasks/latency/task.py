@@ -40,8 +40,10 @@ QUERIES = 100
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LatencySurvey(Survey[QueryFrame]):
-    """The queries of one fold (a map and its queries): the first fold of the data set with queries. `fold` is this
-    fold."""
+    """The queries whose latency is measured, and their fold.
+
+    A fold is a map and its queries. The first fold of the data set that has a query is used.
+    """
 
     fold: Fold
 
