@@ -217,7 +217,7 @@ def test_a_thousand_queries_are_listed_as_they_are_reached(fakes, tmp_path):
     with Page(write_report([run], tmp_path / "page.html").path, tmp_path / "profile") as page:
         assert page.run(f"{ROWS}.length") < 200
         down = "document.documentElement.scrollTo({top: 1e9, behavior: 'instant'})"
-        page.wait_for(f"new Promise(done => {{ {down}; setTimeout(() => done({ROWS}.length === 1000), 60); }})")
+        page.wait_for(f"new Promise(done => {{ {down}; setTimeout(() => done({ROWS}.length === 1000), 60); }})", 120)
         assert page.problems == []
 
 
