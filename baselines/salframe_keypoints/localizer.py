@@ -168,7 +168,7 @@ class Keypoints(Localizer):
         )
 
     def verify(self, description: Description, frames: Sequence[int]) -> list[tuple[np.ndarray | None, int]]:
-        """Match a query with each of several reference frames, in the same way as with the shortlist.
+        """Match a query with each of the given reference frames, as `match` does with the frames of its shortlist.
 
         Args:
             description: The description of the query.

@@ -74,7 +74,7 @@ class ViewRays:
     cosine: np.ndarray
 
     def sample(self, image: np.ndarray) -> np.ndarray:
-        """Return the values of an image (h, w) of this view at the rays of this object, by bilinear interpolation.
+        """Return the values of an image (h, w) of this view at the stored rays, by bilinear interpolation.
 
         Returns:
             (...) float32, NaN outside the view.

@@ -30,7 +30,7 @@ class Views:
 
     Attributes:
         level: Number of horizontal views.
-        tilted: Number of views that look up, and of views that look down.
+        tilted: Number of views that look up. The same number of views looks down.
         width_px: Width of a view.
         height_px: Height of a view.
         fov_rad: Field of view across the width.

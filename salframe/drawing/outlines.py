@@ -21,9 +21,9 @@ _BOX = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8
 def outline_objects(detections: Detections) -> list[list[np.ndarray]]:
     """Return the closed lines around the parts of each object, each (K, 3) float64, unit vectors in the panorama frame.
 
-    The lines surround the points of the object. If these are unknown, they surround its mask; if this is unknown too,
-    its box. If only its bearing and its solid angle are known, the line is a circle around the bearing with this solid
-    angle. Otherwise the object has no line.
+    The lines surround the points of the object. If the points are unknown, the lines surround the mask. If the mask is
+    also unknown, the lines surround the box. If only the bearing and the solid angle of the object are known, the line
+    is a circle around the bearing with this solid angle. Otherwise the object has no line.
     """
     return [_outline(detections, i) for i in range(len(detections))]
 

@@ -121,7 +121,8 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         Args:
             rows: A row for each method.
             columns: Names of the columns. Empty for the default columns, without per-seed ranges if there are none.
-            leading: Text of each row by heading, left of the columns. None: the label of the method.
+            leading: Headings of additional columns at the left, and their texts, one for each row. None: one column
+                with the label of the method.
         """
         return [draw_table(cls.select_columns(rows, columns), rows, leading)]
 
