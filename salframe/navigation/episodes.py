@@ -169,7 +169,7 @@ def resolve_episodes(
     episodes, left_out = [], []
     for number, request in enumerate(requests):
         try:
-            episodes.append(_place(request, sites, np.random.default_rng([seed, 1, number]), number))
+            episodes.append(_resolve(request, sites, np.random.default_rng([seed, 1, number]), number))
         except (DataError, NoRoute, UnknownName) as error:
             left_out.append(f"episode {number}: {error}")
     if not episodes:
@@ -177,7 +177,7 @@ def resolve_episodes(
     return episodes, left_out
 
 
-def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Generator, number: int) -> Episode:
+def _resolve(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Generator, number: int) -> Episode:
     if request.world is None and len(sites) > 1:
         raise DataError(f"the episode has no `world` (building), expected one of {', '.join(sites)}")
     name = next(iter(sites)) if request.world is None else request.world
