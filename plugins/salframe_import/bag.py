@@ -117,7 +117,9 @@ class MessageStore(ABC):
         raise DataError(f"the topic {topic} of {self.path} has no message, expected at least one")
 
     def stamps(self, topics: Collection[str]) -> dict[str, np.ndarray]:
-        """Return for each topic the header stamps and recording times of its N messages, (N, 2) int64, by stamp.
+        """Return for each topic the header stamps and recording times of its messages.
+
+        An array is (N, 2) int64 in nanoseconds, with one row per message. Rows are sorted by header stamp.
 
         Raises:
             DataError: A topic has no message, or a stamp is 0.

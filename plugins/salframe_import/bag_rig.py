@@ -87,7 +87,7 @@ class BagRig:
         """Return the shots in temporal order, and notes about pictures that are left out.
 
         Raises:
-            DataError: A topic has no message or no stamps, or no picture has messages of the other topics at its time.
+            DataError: A topic has no message or no stamps, or there is no time at which all topics have a message.
         """
         topics = [images.topic for camera in self.cameras for images in (camera.color, camera.depth) if images]
         times = self.bag.stamps(topics)

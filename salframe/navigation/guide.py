@@ -51,8 +51,12 @@ class WalkingPath:
 
 
 class Guide:
-    """Plans paths on the map of a chart (the knowledge of an agent about a building). A path may start between the
-    nodes of the map. `planner` is the configuration of the planner."""
+    """Plans paths on the topological map that an agent has of a building. A path may start between its nodes.
+
+    Args:
+        chart: What the agent knows about the building; contains the map.
+        planner: The configuration of the planner.
+    """
 
     def __init__(self, chart: Chart, planner: ComponentConfig) -> None:
         self.chart, self.planner = chart, planner

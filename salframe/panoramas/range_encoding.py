@@ -70,7 +70,7 @@ class RangeEncoding:
             steps: (H, 2H) integer values of the file.
 
         Raises:
-            DataError: The kind is Z, or a CUBE image has another shape.
+            DataError: The encoding is of the kind Z, or it is of the kind CUBE and the shape of `steps` is not (H, 2H).
         """
         self.check_panorama()
         depth_m = self._metres(steps)

@@ -107,9 +107,13 @@ def has_added_default(field: FieldInfo, value: Any) -> bool:
 
 
 def settings_identity(model: BaseModel, *, describing: bool = False) -> dict[str, Any]:
-    """Return the settings of a model as they appear in `identity`.
+    """Return the settings of a component in the form in which `identity` contains them.
 
     Files are replaced by their hashes and slots by the identities of their components.
+
+    Args:
+        model: The settings.
+        describing: Whether to leave out the settings that affect only matching.
 
     Raises:
         ConfigError: A file cannot be read.

@@ -38,6 +38,17 @@ class ProcessPool(ProcessPoolExecutor):
         env = {**LOKY_ENV, **(env or {})}
         super().__init__(workers, initializer=_begin_work, initargs=(parent,), env=env)
 
+    def shutdown(self, wait: bool = True, kill_workers: bool = False) -> None:
+        """End the processes, after their work or at once, and the threads of the pool.
+
+        loky does not wait for its thread that sends the items. If Python exits while this thread releases a semaphore,
+        loky prints a warning about a leaked semaphore.
+        """
+        sender = getattr(self._call_queue, "_thread", None)
+        super().shutdown(wait, kill_workers)
+        if wait and sender is not None:
+            sender.join(GRACE_S)
+
     def stop(self) -> None:
         """End the processes at once. The functions that run are interrupted, and their items have no result."""
         processes = list(self._processes.values())  # Python 3.14 adds terminate_workers()

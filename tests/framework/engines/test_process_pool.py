@@ -6,10 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
+from loky.backend.queues import Queue
+
+from salframe.framework.engines.process_pool import ProcessPool
 
 SCRIPT = """
 import sys
@@ -92,3 +96,20 @@ def test_an_interrupt_of_the_terminal_ends_all_at_once_and_is_told_once(interrup
     _, said = script.communicate(timeout=30)  # the work would have taken 60
     assert said.count("Traceback") == said.count("KeyboardInterrupt") == 1
     assert gone(worker)
+
+
+@pytest.mark.parametrize("end", [ProcessPool.stop, ProcessPool.shutdown])
+def test_a_pool_that_ended_has_no_threads(end, monkeypatch):
+    """A thread that is left may print a warning about leaked semaphores when Python exits."""
+    send = Queue._feed
+
+    def send_and_linger(*given):
+        send(*given)
+        time.sleep(0.2)
+
+    monkeypatch.setattr(Queue, "_feed", staticmethod(send_and_linger))
+    before = threading.enumerate()
+    pool = ProcessPool(1)
+    assert pool.submit(abs, -3).result() == 3
+    end(pool)
+    assert threading.enumerate() == before
