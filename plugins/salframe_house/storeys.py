@@ -44,7 +44,10 @@ def raise_frame(config: HouseConfig, number: int, frame: HouseFrame, id: str) ->
 
 
 def lower_pose(T_world_pano: np.ndarray, number: int) -> np.ndarray:
-    """Return a pose (4, 4) in the whole building as a pose in the building of one storey."""
+    """Convert a pose (4, 4) from the frame of the whole building to the frame of the storey `number`.
+
+    Each storey has a frame of its own, as if it were a building of one storey.
+    """
     lowered = np.array(T_world_pano)
     lowered[2, 3] -= number * STOREY_M
     return lowered

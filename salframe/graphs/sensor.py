@@ -104,7 +104,10 @@ class DetectionModel(Settings):
 
 
 class FalseObjects(Settings):
-    """False positives: detections without an annotated object. The quantile levels are evenly spaced from 0 to 1."""
+    """False positives: detections without an annotated object.
+
+    A list of quantiles has evenly spaced levels from 0 (minimum) to 1 (maximum).
+    """
 
     per_panorama: float = Field(ge=0, le=10_000, description="mean number of false positives per panorama")
     labels: dict[str, NumObjects] = Field(description="number of false positives with each label of the detector")

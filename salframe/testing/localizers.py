@@ -194,7 +194,7 @@ class _RandomMap:
         return _make(self.config)
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> LocalizationMap:
-        """Return a map of described frames by a new localizer."""
+        """Return the map that a new localizer makes of frames and their descriptions."""
         return _index(self.make(), descriptions, frames)
 
     def panoramas(self) -> list[tuple[Panorama, Localization]]:

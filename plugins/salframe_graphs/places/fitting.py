@@ -46,13 +46,13 @@ def fit_positions(
     """
     objects = columns.objects
     weight = share / ranged.along_m2[:, objects]
-    by_query, by_object = columns.poses.sum(weight), weight.sum(0)
+    by_query, by_object = columns.segments.sum(weight), weight.sum(0)
     total = np.maximum(by_query.sum(0), 1e-12)
     map_position = index.position[objects]
     query_mean = (ranged.position @ by_query) / total
-    map_mean = columns.poses.sum(by_object * map_position) / total
+    map_mean = columns.segments.sum(by_object * map_position) / total
     x, y = np.array([ranged.position.real, ranged.position.imag]) @ weight  # a complex factor would copy the weights
-    products = columns.poses.sum((x - 1j * y) * map_position) - total * query_mean.conj() * map_mean
+    products = columns.segments.sum((x - 1j * y) * map_position) - total * query_mean.conj() * map_mean
     squares = (ranged.range_m * ranged.range_m) @ by_query - total * np.abs(query_mean) ** 2
     scale = (np.abs(products) + scale_error**-2) / (squares + scale_error**-2)
     yaw = np.angle(products)

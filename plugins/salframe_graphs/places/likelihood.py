@@ -173,7 +173,7 @@ class PlaceLikelihood:
         """
         columns = self._columns(poses)
         score, odds, total = self._evaluate(poses, columns)
-        return score, odds / columns.poses.spread(total)
+        return score, odds / columns.segments.spread(total)
 
     def refine(self, poses: Poses) -> RefinedPoses:
         """Fit each pose to the objects that it explains. A fit that would lower the score is discarded.
@@ -185,20 +185,20 @@ class PlaceLikelihood:
         rows = np.flatnonzero(score >= score.max(initial=-np.inf) - MAX_GAIN_NATS)
         columns, position = columns.take(rows)
         best, best_score = poses.take(rows), score[rows]
-        share = odds[:, position] / columns.poses.spread(total[:, rows])
+        share = odds[:, position] / columns.segments.spread(total[:, rows])
         for _ in range(STEPS):
             fitted = self._fit(best, columns, share)
             fitted_score, odds, total = self._evaluate(fitted, columns)
             is_better = fitted_score > best_score
             best = fitted.where(is_better, best)
             best_score = np.where(is_better, fitted_score, best_score)
-            share = np.where(columns.poses.spread(is_better), odds / columns.poses.spread(total), share)
+            share = np.where(columns.segments.spread(is_better), odds / columns.segments.spread(total), share)
         score[rows] = best_score
-        return RefinedPoses(poses.put(rows, best), score, rows, columns.poses, share)
+        return RefinedPoses(poses.put(rows, best), score, rows, columns.segments, share)
 
     def relative(self, poses: Poses, columns: PoseColumns) -> RelativeObjects:
         """Return the map objects of the place of each pose, relative to the query's camera at that pose."""
-        objects, spread = columns.objects, columns.poses.spread
+        objects, spread = columns.objects, columns.segments.spread
         yaw_rad = spread(poses.yaw_rad)
         offset = self.index.position[objects] - spread(as_complex(poses.shift_m))
         offset *= spread(np.exp(-1j * poses.yaw_rad))
@@ -232,7 +232,7 @@ class PlaceLikelihood:
         if len(self.object_groups) == 1 and isinstance(group, RangedObjects):
             return fit_positions(group, self.index, poses, columns, share, self.likelihood.scale_error)
         t, i = np.nonzero(share.T > MIN_PAIR_SHARE)
-        pose = columns.poses.spread(np.arange(len(poses)))[t]
+        pose = columns.segments.spread(np.arange(len(poses)))[t]
         return fit_step(self, poses, pose, i, self.relative(poses, columns).take(t), share[i, t])[0]
 
 
@@ -242,9 +242,9 @@ def _share_odds(odds: np.ndarray, columns: PoseColumns) -> tuple[np.ndarray, np.
     Returns:
         The divided odds (n, T), and their sums (n, C) for each query object and pose.
     """
-    certainty = columns.poses.spread(1 / (1 + columns.poses.sum(odds)))
+    certainty = columns.segments.spread(1 / (1 + columns.segments.sum(odds)))
     odds /= np.maximum(np.einsum("it,it->t", odds, certainty), 1)
-    return odds, columns.poses.sum(odds)
+    return odds, columns.segments.sum(odds)
 
 
 def _log_undetected(logit: np.ndarray, columns: PoseColumns, is_shown: np.ndarray | None = None) -> np.ndarray:
@@ -253,4 +253,4 @@ def _log_undetected(logit: np.ndarray, columns: PoseColumns, is_shown: np.ndarra
     Only the objects with `is_shown` (T,) bool count, which are in sectors that the query shows; None: all objects.
     """
     loss = np.log1p(np.exp(logit))
-    return -columns.poses.sum(loss if is_shown is None else loss * is_shown)
+    return -columns.segments.sum(loss if is_shown is None else loss * is_shown)

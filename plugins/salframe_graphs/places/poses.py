@@ -86,16 +86,16 @@ class PoseColumns:
 
     Attributes:
         objects: (T,) indices of the objects in the index.
-        poses: The objects grouped by pose.
+        segments: For each pose, the part of `objects` that belongs to it.
     """
 
     objects: np.ndarray
-    poses: Segments
+    segments: Segments
 
     def take(self, poses: np.ndarray) -> tuple[PoseColumns, np.ndarray]:
         """Return the objects of a subset of the poses, and the positions of these objects among all T objects."""
-        count = self.poses.count[poses]
-        position = ranges(self.poses.start[poses], count)
+        count = self.segments.count[poses]
+        position = ranges(self.segments.start[poses], count)
         return PoseColumns(self.objects[position], Segments(count)), position
 
 
