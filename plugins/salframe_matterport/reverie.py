@@ -235,7 +235,8 @@ def score_episode(name: str, episode: ReverieEpisode, answer: Answer, building: 
     is scored regardless of where the agent stopped.
 
     Raises:
-        DataError: The path does not begin at the start, or contains unknown or unconnected viewpoints.
+        DataError: The path does not begin at the start, contains an unknown viewpoint, or contains a step between two
+            viewpoints that are not connected by any path in the building.
     """
     for viewpoint in (*answer.path, episode.path[-1]):
         if viewpoint not in building.number:

@@ -85,9 +85,9 @@ class TrackedPose:
 class Tracker(Role):
     """Tracks the pose of a moving camera. It combines odometry with a localizer's answers to the images of the camera.
 
-    Call `move` with the motion since the previous query, then `observe` with the answer to the present query. If the
-    camera moves before the answer arrives, call `observe` first, and then `move` with this later motion. A tracker
-    holds the belief on one camera. `open_tracker` creates a tracker for a map.
+    Call `move` with the motion from the previous query to the present query, then `observe` with the answer to the
+    present query. If the camera moves while the answer is computed, pass this motion to `move` after `observe`. A
+    tracker holds the belief on one camera. `open_tracker` creates a tracker for a map.
     """
 
     role = "tracker"
