@@ -165,8 +165,9 @@ def import_(
         Literal["column", "region", "folder", "none"] | None,
         typer.Option(
             help="Source of place names. column: the column or key `place` of the recording; region: the rooms "
-            "(regions) of a building model or of floor masks; folder: the folders of the pictures; none: each panorama "
-            "of the map is its own place. Default: the first of these that names the place of every panorama of the map"
+            "(regions) of a building model or of floor masks; folder: the folders of the pictures; none: the dataset "
+            "has a separate place for each panorama of the map, and `salframe build` replaces these places by rooms "
+            "that it finds. Default: the first of these that names the place of every panorama of the map"
         ),
     ] = None,
     queries: Annotated[
@@ -215,7 +216,7 @@ def import_(
     Every command accepts the folder as a dataset. Panoramas without a pose become queries. A panorama that cannot be
     read is left out, and the exit status is then 1. --place-from selects the source of place names: a column of the
     recording, the rooms (regions) of a building model or of floor masks, or the folders of pictures. With `--place-from
-    none`, each reference frame is a place. Run the same command again to resume an interrupted import.
+    none`, each reference frame is a separate place. Run the same command again to resume an interrupted import.
     """
     from salframe.cli.output import Bars, tell, warn
     from salframe.drawing.import_preview import preview_import

@@ -132,14 +132,15 @@ def suggest(name: str, known: Sequence[str]) -> str:
 
 
 def unknown_key(noun: str, key: str, known: Sequence[str] | None, *, part: str | None = None, owner: str = "") -> str:
-    """Return the message for an unknown key or setting, as `noun` calls it: the closest name and the known names.
+    """Return an error message for an unknown key or setting, with the closest name and all known names.
 
     Args:
-        noun: "key" or "setting".
+        noun: The word in the message: "key" or "setting".
         key: The whole dotted key.
         known: The known names of the unknown part; None if they cannot be determined.
         part: The unknown part of the key; None for the last part.
-        owner: Name of the component or key that has the settings, for the message that it has none.
+        owner: Name of the component or key to which the setting should belong. The message contains it if there are
+            no known names.
     """
     if known:
         end = f"{suggest(part or key.rpartition('.')[2], known)} (known {noun}s: {', '.join(known)})"

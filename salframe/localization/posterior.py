@@ -323,18 +323,20 @@ def standardize(
 
 
 def absent_moments(
-    contrast: np.ndarray, nu: np.ndarray, mean_effect: float, deviation_effect: float
+    value: np.ndarray, nu: np.ndarray, mean_effect: float, deviation_effect: float
 ) -> tuple[float, float]:
-    """Fit a normal distribution to the contrasts (N,) of out-of-map answers by maximum likelihood, and return its mean
-    and standard deviation at nu = 0.
+    """Fit a normal distribution to values of out-of-map answers by maximum likelihood, and return its mean and standard
+    deviation at nu = 0.
 
-    `contrast` can also contain a column of the evidence. N is at least 1. The other arguments are as in `Head`.
+    Args:
+        value: (N,) contrasts, or another column of the evidence; N is at least 1.
+        nu, mean_effect, deviation_effect: As in `Head`.
     """
     weight = np.exp(-2 * deviation_effect * nu)
-    center, nu_center = float(np.average(contrast, weights=weight)), float(np.average(nu, weights=weight))
+    center, nu_center = float(np.average(value, weights=weight)), float(np.average(nu, weights=weight))
     # For a deviation s, the most likely mean is center - mean_effect s nu_center. The most likely s is then a root of
     # N s^2 + linear s - squares.
-    x, v = contrast - center, nu - nu_center
+    x, v = value - center, nu - nu_center
     squares, linear = float(weight @ x**2), mean_effect * float(weight @ (x * v))
     deviation = float((np.sqrt(linear**2 + 4 * len(x) * squares) - linear) / (2 * len(x)))
     return center - mean_effect * deviation * nu_center, deviation

@@ -74,7 +74,7 @@ def measure_routes(
 
 
 def localize_storeys(dataset: Dataset, localizer: Localizer, plan: FloorPlan) -> dict[int, list[tuple[bool, bool]]]:
-    """Return for each storey whether the storey and the place of each answer are right."""
+    """Return for the queries of each storey whether their answers name the correct storey and the correct place."""
     built = LocalizationMap.build(localizer, plan.frames, Cache(), dataset.content_key, floors=plan.floors)
     storey_of = {frame.place: find_floor(plan.floors, frame.T_world_pano[:3, 3]) for frame in plan.frames}
     right = defaultdict(list)
