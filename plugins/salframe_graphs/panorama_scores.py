@@ -47,10 +47,9 @@ class PanoramaScoresConfig(ComponentConfig):
     )
     nearest_scene: bool = match_only(
         True,
-        description="place of a match whose reference frame is in a doorway. true: the room of the reference frame "
-        "that is nearest to the estimated pose, without frames in doorways; false: the doorway. `saliency-graph` "
-        "answers with the place of the best match. `saliency-places` uses the score of this match as evidence for "
-        "the place",
+        description="place of the best match, if its reference frame is in a doorway. true: the room of the "
+        "reference frame that is nearest to the estimated pose, among those in rooms; false: the doorway. "
+        "`saliency-graph` answers with this place. For `saliency-places`, the match is evidence for this place",
     )
 
 

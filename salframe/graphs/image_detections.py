@@ -137,9 +137,9 @@ def outline(footprint: np.ndarray, view: np.ndarray, visible: np.ndarray) -> np.
     the detections in more than half of these views cover it.
 
     Args:
-        footprint: As in `group`, only for the detections of the object.
-        view: As in `group`, only for the detections of the object.
-        visible: As in `group`.
+        footprint: (D, P) bool, pixels of the sphere that each of the D detections of the object covers.
+        view: (D,) index of the view of each of these detections.
+        visible: (V, P) bool, pixels that each of the V views shows.
     """
     return 2 * footprint.sum(0) > visible[view].sum(0)
 

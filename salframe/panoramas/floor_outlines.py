@@ -56,7 +56,13 @@ def floor_outlines(floor: FloorMasks, mask: np.ndarray) -> list[list[np.ndarray]
 
 
 def draw_floor(floor: FloorMasks, points_m: np.ndarray, width_px: int = 420) -> PlanDrawing:
-    """Return a drawing of a floor with the names of its places. It is large enough to show points (N, 2) in metres."""
+    """Return a drawing of a floor with the names of its places.
+
+    Args:
+        floor: The floor.
+        points_m: (N, 2) points in metres. The drawn area contains them, but they are not drawn.
+        width_px: Width of the drawing in pixels.
+    """
     areas = {number: floor_outlines(floor, floor.region == number) for number in floor.regions}
     free = floor_outlines(floor, floor.free | (floor.region > 0))
     rings = [polygon[0] for polygon in free]

@@ -60,7 +60,7 @@ class DetectorRules(Rules[Detector]):
         turned_by = [columns for columns in (step // 2, HEIGHT_PX + 1) if columns % step]
         if not turned_by:
             raise DoesNotApply(
-                "the column_step of the detector is 1, so every rotation is a multiple of it: another check tests these"
+                "the column_step of the detector is 1, so no number of columns lies between two multiples of it"
             )
         redetected = total = 0
         for room, detections in self._rooms:
