@@ -94,11 +94,11 @@ class PlaceIndex:
         """
         return np.nan_to_num(self.camera_height_m - camera_height_m)
 
-    def appearance(self, camera_height_m: float) -> np.ndarray:
+    def height_and_size_terms(self, camera_height_m: float) -> np.ndarray:
         """Return 8 values of each object, (8, M) float64, that the likelihood of objects with range is computed from.
 
-        The rows are z, log length, log box height, the squares of these three, 1, and 1 or 0 for a known or unknown
-        box. The sizes of unknown boxes are 0.
+        The first six rows are z, log length and log height of the box, and the squares of these three. The seventh row
+        is the constant 1. The eighth row is 1 if the box is known, else 0. The sizes of unknown boxes are 0.
 
         z is relative to a camera at `camera_height_m` above the floor. If this height or the camera height of a place
         is unknown (NaN), the two heights are assumed to be equal.

@@ -55,11 +55,11 @@ class RangedObjects(ObservedObjects):
         self.range_m = np.abs(self.position)
         self.ray = self.position / np.maximum(self.range_m, 1e-9)
         self.same_label = query.label[:, None] == index.label
-        self.log_ratio = self._log_ratio(query, index.appearance(camera_height_m))
+        self.log_ratio = self._log_ratio(query, index.height_and_size_terms(camera_height_m))
         self.across_m2 = index.variance_m2 + rates.position_error_m**2
         self.along_m2 = self.across_m2 + ((rates.range_error_share * self.range_m) ** 2)[:, None]
 
-    def _log_ratio(self, query: QueryObjects, map_appearance: np.ndarray) -> np.ndarray:
+    def _log_ratio(self, query: QueryObjects, map_terms: np.ndarray) -> np.ndarray:
         """Return the log ratio of label, height and size, including the detector's score of the query object.
 
         The score s of a query object is the probability that the object exists. Such an object contributes
@@ -69,16 +69,16 @@ class RangedObjects(ObservedObjects):
         """
         rates, likelihood = self._rates, self._likelihood
         log_size = np.log(query.size_m)
-        appearance = np.array([query.centroid_m[:, 2], log_size[:, 0], log_size[:, 2]]).T
-        variance = np.empty_like(appearance)
-        variance[:, 0] = 2 * (rates.height_error_m**2 + (rates.range_error_share * appearance[:, 0]) ** 2)
+        height_and_size = np.array([query.centroid_m[:, 2], log_size[:, 0], log_size[:, 2]]).T
+        variance = np.empty_like(height_and_size)
+        variance[:, 0] = 2 * (rates.height_error_m**2 + (rates.range_error_share * height_and_size[:, 0]) ** 2)
         variance[:, 1:] = 2 * rates.length_error_log**2, 2 * rates.box_height_error_log**2
         span = np.array([likelihood.height_span_m, likelihood.size_span_log, likelihood.size_span_log])
-        constants = np.log(span) - 0.5 * (appearance**2 / variance + np.log(2 * np.pi * variance))
+        constants = np.log(span) - 0.5 * (height_and_size**2 / variance + np.log(2 * np.pi * variance))
         constant = constants[:, 0] + np.log(np.maximum(query.scores, MIN_SCORE))
         of_size = constants[:, 1:].sum(1)
-        factors = [appearance / variance, -0.5 / variance, constant[:, None], of_size[:, None]]
-        log_ratio_sum = np.concatenate(factors, 1) @ map_appearance
+        factors = [height_and_size / variance, -0.5 / variance, constant[:, None], of_size[:, None]]
+        log_ratio_sum = np.concatenate(factors, 1) @ map_terms
         log_ratio_sum += label_ratio(query.label, self.same_label, self._index, rates)
         return np.maximum(log_ratio_sum, -MAX_LOG_RATIO).astype(np.float32)
 

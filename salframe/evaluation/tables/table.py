@@ -44,7 +44,8 @@ def draw_table(
     Args:
         columns: The columns, from left to right.
         rows: The rows.
-        leading: Additional columns at the left: for each heading, the texts of all rows. None: the title of the method.
+        leading: The columns to the left of `columns`: for each heading, the texts of all rows. None: one column with
+            the titles of the methods.
         title: The table's title.
     """
     leading = leading_methods(rows) if leading is None else leading
