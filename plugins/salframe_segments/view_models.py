@@ -43,7 +43,7 @@ ZERO_SHOT_ARCHITECTURES = (
 
 @cache
 def tasks() -> dict[str, NetworkTask]:
-    """Return the task of each architecture of transformers that a detector can use."""
+    """Return the task of each network that a detector can use. The keys are class names of the library `transformers`."""
     from transformers.models.auto import modeling_auto as auto
 
     mappings = (

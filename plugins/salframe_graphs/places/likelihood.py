@@ -129,7 +129,12 @@ class PlaceLikelihood:
         return log_odds
 
     def detection_logit(self, objects: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
-        """Return the logit (T,) float32 of the probability to detect map objects (T,) from distances (T,)."""
+        """Return the logit (T,) float32 of the probability that a camera at a given distance detects a map object.
+
+        Args:
+            objects: (T,) indices of the objects in the index.
+            distance_m: (T,) horizontal distances between camera and object.
+        """
         distance = np.maximum(distance_m, MIN_RANGE_M)
         logit = self._detection_logit[objects] + self._detection_per_distance * np.log(distance / REFERENCE_M)
         return np.minimum(np.maximum(logit, -MAX_LOGIT), MAX_LOGIT).astype(np.float32)

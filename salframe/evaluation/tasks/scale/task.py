@@ -69,8 +69,8 @@ class ScaleOptions(TaskOptions):
 class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
     """The task `scale`: which of many scenes (graphs of panoramas) of a map does a query show?
 
-    The scenes are generated from the rooms of a data set (`SyntheticMap`). The methods work on one query at a time. A
-    query is given by the index of the scene that it shows.
+    The scenes are generated from the rooms of a data set (`SyntheticMap`). A piece of work is one query. It is
+    identified by the index of the scene that it shows. The evaluated method does not receive this index.
     """
 
     scenes: int
