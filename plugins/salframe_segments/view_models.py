@@ -43,7 +43,7 @@ ZERO_SHOT_ARCHITECTURES = (
 
 @cache
 def tasks() -> dict[str, NetworkTask]:
-    """Return the task of each network that a detector can use. The keys are class names of the library `transformers`."""
+    """Return the task of each network that a detector can use. The keys are class names in `transformers`."""
     from transformers.models.auto import modeling_auto as auto
 
     mappings = (
