@@ -69,10 +69,10 @@ def run_starts(*keys: np.ndarray) -> np.ndarray:
 
 
 def pairs_within(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices a < b of all pairs of elements of the same group, two arrays (P,) int64, group by group.
+    """Return all pairs of elements in the same group: two arrays (P,) int64 with their indices a < b, sorted by group.
 
     Args:
-        start: (N + 1,), as in Segments.
+        start: (N + 1,) index of the first element of each group, then the number of elements, as in `Segments`.
     """
     position = np.arange(start[-1])
     later = start[1:].repeat(np.diff(start)) - position - 1

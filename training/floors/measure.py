@@ -94,8 +94,10 @@ def walk_all(
     seed: int,
     across: bool = False,
 ) -> dict[str, list[bool]]:
-    """Return whether an agent succeeds in each of `count` random episodes, in two worlds: `world`, with "floor masks",
-    and `derived_world`, with "derived floors". The episodes are the same in both worlds.
+    """Return whether an agent succeeds in each of `count` random episodes, in two worlds.
+
+    The result has the key "floor masks" for `world`, and the key "derived floors" for `derived_world`. The episodes
+    are the same in both worlds.
 
     Success depends on the distance to the goal along the floor masks. With `across`, each episode starts and ends on
     different storeys.

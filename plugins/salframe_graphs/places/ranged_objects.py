@@ -84,7 +84,10 @@ class RangedObjects(ObservedObjects):
 
     @cached_property
     def peak(self) -> np.ndarray:
-        """(n, M) float32: log odds of query and map objects at the same position, without the detection logit."""
+        """(n, M) float32: log odds that a query object is a map object, if both have the same position.
+
+        The logit of the probability that the map object is detected is not included.
+        """
         at_peak = np.log(self._likelihood.area_m2 / (2 * np.pi)) - 0.5 * np.log(self.along_m2 * self.across_m2)
         return (self.log_ratio + at_peak - np.log(self._rates.clutter)).astype(np.float32)
 
