@@ -139,8 +139,8 @@ def unknown_key(noun: str, key: str, known: Sequence[str] | None, *, part: str |
         key: The whole dotted key.
         known: The known names of the unknown part; None if they cannot be determined.
         part: The unknown part of the key; None for the last part.
-        owner: Name of the component or key to which the setting should belong. The message contains it if there are
-            no known names.
+        owner: Name of the component or key to which the setting should belong. The message contains it if `known` is
+            empty.
     """
     if known:
         end = f"{suggest(part or key.rpartition('.')[2], known)} (known {noun}s: {', '.join(known)})"

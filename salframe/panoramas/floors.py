@@ -115,8 +115,10 @@ class Connection(Settings):
 
 
 def masks_touch(floor: FloorMasks, other: FloorMasks) -> bool:
-    """Return whether the rectangles of two masks overlap or are adjacent in plan view, at any heights of the
-    floors."""
+    """Return whether the rectangles of two masks overlap or are adjacent in plan view.
+
+    The heights of the two floors do not matter.
+    """
     (left, bottom, right, top), (other_left, other_bottom, other_right, other_top) = map(_bounds_m, (floor, other))
     gap_m = max(other_left - right, left - other_right, other_bottom - top, bottom - other_top)
     return gap_m <= max(floor.resolution_m, other.resolution_m)
