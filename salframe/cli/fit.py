@@ -40,9 +40,17 @@ def fit(
         typer.Option(
             "--posterior-only",
             help="Fit only the conversion of scores to probabilities (posterior), not the weights of the score; cannot "
-            "be combined with --try",
+            "be combined with --try or --term",
         ),
     ] = False,
+    term: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="Fit only the effect of one column of evidence, such as `labels_shared`, on the out-of-map "
+            "probability; all other parameters are kept. Cannot be combined with --try or --posterior-only",
+        ),
+    ] = None,
     data_dir: DataDir = None,
     overrides: SetForMethod = None,
 ) -> None:
@@ -64,6 +72,7 @@ def fit(
             output,
             tries=tries or (),
             posterior_only=posterior_only,
+            term=term,
             data_dir=data_dir,
             overrides=overrides or (),
             progress=bars.update,

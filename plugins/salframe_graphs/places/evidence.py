@@ -181,9 +181,12 @@ class PlaceEvidence:
     def for_posterior(self, evidence: Evidence, row: int) -> dict[str, float]:
         """Return the columns that the posterior uses, with their values for the hypothesis `row`.
 
-        A column with the value 0 is left out: the query or the map lacks its data, or the hypothesis has no pose.
+        A column with the value 0 is left out: the query or the map lacks its data, or the hypothesis has no pose. A
+        column that another one replaces (`EvidenceColumn.posterior_unless`) is left out too.
         """
-        names = [column.name for model in self._models for column in model.columns if column.in_posterior]
+        measured = {name for name, values in evidence.values.items() if values.any()}
+        columns = [column for model in self._models for column in model.columns if column.in_posterior]
+        names = [column.name for column in columns if column.posterior_unless not in measured]
         return {name: value for name in names if (value := float(evidence.values[name][row]))}
 
     def _added(self, description: Description, arrays_of: Callable[[EvidenceModel], Description]) -> Description:

@@ -170,6 +170,9 @@ class LabelEvidence(EvidenceModel):
     `detected_labels` is the share of the query's labels that the place has. `labels_shared` is the Jaccard index of the
     labels of query and place. If no object of the query has a range, both columns are 0. The column
     `bearing_detected_labels` then contains the share of the query's labels that the place has.
+
+    The posterior uses `labels_shared` only for queries without an outline. With the outline, the labels made the
+    out-of-map probability of the rendered offices worse.
     """
 
     name = "labels"
@@ -180,7 +183,10 @@ class LabelEvidence(EvidenceModel):
             "share of the query's labels (0 to 1) that the candidate place has; rare labels count more",
         ),
         EvidenceColumn(
-            "labels_shared", "Jaccard index of the labels of query and candidate place; rare labels count more"
+            "labels_shared",
+            "Jaccard index of the labels of query and candidate place; rare labels count more",
+            in_posterior=True,
+            posterior_unless="outline",
         ),
         EvidenceColumn(
             "bearing_detected_labels",

@@ -94,7 +94,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "15"
+    version = "16"
     uses_floors = True
 
     class Config(PlacesConfig):

@@ -28,7 +28,7 @@ from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence, fit_weights
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
-from salframe.localization.posterior_fit import Fit, ScoredAnswer, fit_posterior
+from salframe.localization.posterior_fit import Fit, ScoredAnswer, fit_posterior, fit_term
 from salframe.localization.preparing import Tell, prepare, silent
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
@@ -124,6 +124,7 @@ def fit_method(
     *,
     tries: Sequence[str] = (),
     posterior_only: bool = False,
+    term: str | None = None,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
@@ -141,6 +142,8 @@ def fit_method(
         output: The YAML file to write.
         tries: Matching settings to try, as "key.path=value,value".
         posterior_only: Whether to keep the matching settings and the weights, and to fit only the posterior.
+        term: Name of a column of evidence. Only the term of this column in the posterior is fitted, see `fit_term`. All
+            other parameters are kept.
         data_dir: The `root` of datasets that have one.
         overrides: Settings of the method, the data ("data.KEY") and the engine ("engine.KEY"), as "key.path=value".
         progress: Reports the progress.
@@ -150,8 +153,8 @@ def fit_method(
         The lines of a summary.
 
     Raises:
-        ConfigError: The method has neither weights nor a posterior, `tries` is used with `posterior_only`, a setting to
-            try is not a matching setting, or `output` is not named as a YAML file.
+        ConfigError: The method has neither weights nor a posterior, more than one of `tries`, `posterior_only` and
+            `term` are used, a setting to try is not a matching setting, or `output` is not named as a YAML file.
         DataError: The queries have no usable answers, or the scores of all places are equal.
     """
     output = Path(output)
@@ -159,16 +162,15 @@ def fit_method(
         raise ConfigError(f"the output file is {output}, expected a file name that ends in {' or '.join(SUFFIXES)}")
     if not data:
         raise ConfigError("received no tuning data, expected at least one dataset")
-    if posterior_only and tries:
-        raise ConfigError(
-            "received both --try and --posterior-only, expected at most one of them, because --posterior-only changes "
-            "no settings"
-        )
+    given = {"--try": bool(tries), "--posterior-only": posterior_only, "--term": term is not None}
+    if sum(given.values()) > 1:
+        names = " and ".join([name for name, is_given in given.items() if is_given][:2])
+        raise ConfigError(f"received both {names}, expected at most one of {', '.join(given)}")
     tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
     fields = type(tunings[0].localizer.config).model_fields
     content: dict[str, Any] = {}
     lines, gain = [], {}
-    if "weights" in fields and not posterior_only:
+    if "weights" in fields and not posterior_only and term is None:
         chosen = _try(tunings, tries, tell)
         weights, before, after = _fit(tunings, chosen)
         fitted_weights = {name: float(f"{value:.4g}") for name, value in weights.items()}
@@ -183,8 +185,14 @@ def fit_method(
             f"the method {method} has no setting `weights`, which --try needs: use another method, or leave out --try"
         )
     answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
+    posterior = tunings[0].localizer.posterior
     try:
-        fit = fit_posterior(answers)
+        if term is None:
+            fit = fit_posterior(answers)
+        elif posterior is None:
+            raise DataError(f"--term received {term!r}, but the setting `posterior` is null, expected a posterior")
+        else:
+            fit = fit_term(posterior, answers, term)
     except DataError as error:
         raise DataError(f"the method {method} cannot be fitted: {error}") from None
     gain |= {
@@ -202,6 +210,7 @@ def fit_method(
         ],
         "set": list(overrides),
         "try": list(tries),
+        "term": term,
         "mean_negative_log_likelihood": gain,
         "salframe": installed_version("salframe"),
     }
