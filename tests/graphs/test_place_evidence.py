@@ -123,6 +123,16 @@ def test_each_column_is_a_setting_with_its_meaning():
     assert "weights.panorama" not in rows
 
 
+def test_an_outline_replaces_the_shared_labels_in_the_posterior():
+    for evidence, expected in (
+        (DEFAULT, {"likelihood", "outline"}),
+        (["likelihood", "labels"], {"likelihood", "labels_shared"}),
+    ):
+        built = build(evidence=evidence, weights={})
+        for query in query_frames():
+            assert built.answer(describe_frame(built.localizer, query)[0]).evidence.keys() == expected
+
+
 def test_the_evidence_of_a_plugin_is_weighed(tmp_path):
     """Its column is the difference of the mean colours of the panoramas, also in a map that was saved and opened."""
     built = build(**PAINT)

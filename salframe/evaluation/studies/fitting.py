@@ -162,12 +162,16 @@ def fit_method(
         raise ConfigError(f"the output file is {output}, expected a file name that ends in {' or '.join(SUFFIXES)}")
     if not data:
         raise ConfigError("received no tuning data, expected at least one dataset")
-    given = {"--try": bool(tries), "--posterior-only": posterior_only, "--term": term is not None}
-    if sum(given.values()) > 1:
-        names = " and ".join([name for name, is_given in given.items() if is_given][:2])
-        raise ConfigError(f"received both {names}, expected at most one of {', '.join(given)}")
+    options = {"--try": bool(tries), "--posterior-only": posterior_only, "--term": term is not None}
+    if sum(options.values()) > 1:
+        first, second = [name for name, is_used in options.items() if is_used][:2]
+        raise ConfigError(f"received both {first} and {second}, expected at most one of {', '.join(options)}")
     tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
-    fields = type(tunings[0].localizer.config).model_fields
+    fields, posterior = type(tunings[0].localizer.config).model_fields, tunings[0].localizer.posterior
+    if term is not None and posterior is None:
+        raise ConfigError(
+            f"received --term {term}, but the method {method} has no posterior: fit the whole posterior, without --term"
+        )
     content: dict[str, Any] = {}
     lines, gain = [], {}
     if "weights" in fields and not posterior_only and term is None:
@@ -185,14 +189,8 @@ def fit_method(
             f"the method {method} has no setting `weights`, which --try needs: use another method, or leave out --try"
         )
     answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
-    posterior = tunings[0].localizer.posterior
     try:
-        if term is None:
-            fit = fit_posterior(answers)
-        elif posterior is None:
-            raise DataError(f"--term received {term!r}, but the setting `posterior` is null, expected a posterior")
-        else:
-            fit = fit_term(posterior, answers, term)
+        fit = fit_posterior(answers) if term is None or posterior is None else fit_term(posterior, answers, term)
     except DataError as error:
         raise DataError(f"the method {method} cannot be fitted: {error}") from None
     gain |= {
