@@ -202,9 +202,7 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
     if not data.right.any():
         return head
     terms = {
-        name: moments
-        for name, value in data.evidence.items()
-        if (moments := data.fit_moments(value)).deviation > 0
+        name: moments for name, value in data.evidence.items() if (moments := data.fit_moments(value)).deviation > 0
     }
     nu, map_number = data.nu, data.map_number
     features = [of_contrast.standardize(data.contrast, nu, map_number), nu]
