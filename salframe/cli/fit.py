@@ -56,9 +56,9 @@ def fit(
 ) -> None:
     """Fit the parameters of a method to tuning data.
 
-    There are three steps. First, the best value of each setting in --try is selected. Then the weights of the terms of
-    the score are fitted, if the method has weights. Then the posterior is fitted. The posterior converts scores to the
-    probability of each place and the out-of-map probability. To use the fitted parameters, add `--set
+    By default, there are three steps. First, the best value of each setting in --try is selected. Then the weights of
+    the terms of the score are fitted, if the method has weights. Then the posterior is fitted. The posterior converts
+    scores to the probability of each place and the out-of-map probability. To use the fitted parameters, add `--set
     posterior=FILE.yaml --set weights=FILE.yaml` to another command. FILE.yaml also contains the values that --try
     selected. They are not applied by these options: add --set KEY=VALUE for each of them.
     """

@@ -63,8 +63,9 @@ class Fit:
         place_nll_before: Mean negative log-likelihood of the true place in the `place_answers`, with temperature 1.
         place_nll_after: Mean negative log-likelihood of the true place in the `place_answers`, with the fitted
             temperature.
-        here_nll_before: Mean negative log-likelihood of the truth (query in the map, or not), over all answers. The
-            probability is the same for all answers: the share of queries in the map.
+        here_nll_before: Mean negative log-likelihood of the truth (query in the map, or not), over all answers, without
+            the fit. After `fit_posterior`, it is computed with the same probability for all answers: the share of
+            queries in the map. After `fit_term`, it is computed with the posterior without the term.
         here_nll_after: The same mean, with the probabilities of the fitted head.
     """
 
@@ -104,7 +105,9 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
             "places, or another method"
         )
     temperature = _fit_temperature(ranked, spread)
-    return _measured(Posterior(temperature=temperature, head=_fit_head(answers, temperature)), answers)
+    share = float(np.mean([answer.here for answer in answers]))
+    base_nll = -float(share * np.log(share) + (1 - share) * np.log(1 - share))
+    return _measured(Posterior(temperature=temperature, head=_fit_head(answers, temperature)), answers, base_nll)
 
 
 def fit_term(posterior: Posterior, answers: Sequence[ScoredAnswer], name: str) -> Fit:
@@ -114,19 +117,20 @@ def fit_term(posterior: Posterior, answers: Sequence[ScoredAnswer], name: str) -
     objects are computed from the out-of-map answers, as in `fit_posterior`. Bias and slope are fitted by a logistic
     regression that separates correct answers from out-of-map answers. The logarithm of the likelihood ratio of the
     posterior is a fixed part of its log-odds, with contrast and evidence standardized separately for each map. If the
-    fitted slope is negative, the term has no effect.
+    fitted slope is negative, bias and slope are 0, and the term has no effect.
 
     Raises:
         DataError: There is no correct answer or no out-of-map answer with the column, or all out-of-map answers have
             the same value in it.
     """
+    columns = sorted({column for answer in answers for column in answer.evidence})
     answers = [answer for answer in answers if name in answer.evidence]
     data = _Answers.of(answers, posterior)
     if not data.right.any() or data.here.all():
         raise DataError(
             f"{data.right.sum()} correct answers and {(~data.here).sum()} answers to out-of-map queries have the "
-            f"evidence {name!r}, expected at least one of each: use other tuning data, or a column of evidence with "
-            "`in_posterior`"
+            f"evidence {name!r}, expected at least one of each: use other tuning data, or other evidence (the answers "
+            f"have: {', '.join(columns) or 'none'})"
         )
     moments = data.fit_moments(data.evidence[name])
     if moments.deviation == 0:
@@ -146,27 +150,34 @@ def fit_term(posterior: Posterior, answers: Sequence[ScoredAnswer], name: str) -
     bias, (slope,) = data.separate(z[:, None], offset)
     bias, slope = (bias, float(slope)) if slope > 0 else (0.0, 0.0)
     term = EvidenceTerm(**moments.settings(), bias=bias, slope=slope)
-    head = head.model_copy(update={"evidence": {**others, name: term}})
-    return _measured(posterior.model_copy(update={"head": head}), answers)
+    without, with_term = (
+        posterior.model_copy(update={"head": head.model_copy(update={"evidence": evidence})})
+        for evidence in (others, {**others, name: term})
+    )
+    return _measured(with_term, answers, _here_nll(without, answers))
 
 
-def _measured(posterior: Posterior, answers: Sequence[ScoredAnswer]) -> Fit:
+def _measured(posterior: Posterior, answers: Sequence[ScoredAnswer], here_nll_before: float) -> Fit:
     """Return a posterior with its mean negative log-likelihoods on answers."""
     ranked = [answer for answer in answers if answer.here and answer.true_place is not None]
-    in_map = np.array([answer.here for answer in answers], float)
-    contrasts = np.array([posterior.contrast(answer.scores) for answer in answers])
-    objects = np.array([answer.objects for answer in answers])
-    evidence = evidence_columns([answer.evidence for answer in answers])
-    base = in_map.mean()
     return Fit(
         posterior,
         len(answers),
         len(ranked),
         _place_nll(ranked, 1.0),
         _place_nll(ranked, posterior.temperature),
-        -float(base * np.log(base) + (1 - base) * np.log(1 - base)),
-        log_loss(posterior.head.in_map(contrasts, objects, evidence), in_map),
+        here_nll_before,
+        _here_nll(posterior, answers),
     )
+
+
+def _here_nll(posterior: Posterior, answers: Sequence[ScoredAnswer]) -> float:
+    """Return the mean negative log-likelihood of the truth (query in the map, or not), see `Fit`."""
+    contrasts = np.array([posterior.contrast(answer.scores) for answer in answers])
+    objects = np.array([answer.objects for answer in answers])
+    evidence = evidence_columns([answer.evidence for answer in answers])
+    in_map = np.array([answer.here for answer in answers], float)
+    return log_loss(posterior.head.in_map(contrasts, objects, evidence), in_map)
 
 
 def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
@@ -264,10 +275,12 @@ class _Answers:
 
     def standardize(self, value: np.ndarray, model: Head | EvidenceTerm) -> np.ndarray:
         """Return values (N,), standardized separately for each map with the effects of the number of objects of a
-        model; NaN: unknown."""
+        model; NaN: unknown. If the out-of-map answers do not differ, the moments of the model are used."""
         is_used = ~self.here & np.isfinite(value)
         effects = model.mean_effect, model.deviation_effect
         moments = _moments_by_map(value, self.nu, self.map_number, is_used, *effects)
+        if moments.deviation == 0:
+            return model.standardize(value, self.nu)
         return moments.standardize(value, self.nu, self.map_number)
 
     def fit_accuracy(self) -> tuple[float, dict[int, float]]:

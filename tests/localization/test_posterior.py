@@ -210,6 +210,8 @@ def test_a_fitted_term_changes_no_other_parameter():
     fit = fit_term(before, answers, "outline")
     head = fit.posterior.head
     assert fit.answers == 8000
+    of_one_map = fit_term(before, [answer for answer in answers if answer.map == "one"], "outline")
+    assert of_one_map.here_nll_after < of_one_map.here_nll_before
     assert head.model_copy(update={"evidence": before.head.evidence}) == before.head
     assert {name: term for name, term in head.evidence.items() if name != "outline"} == before.head.evidence
     term = head.evidence["outline"]
@@ -219,8 +221,10 @@ def test_a_fitted_term_changes_no_other_parameter():
     assert term.bias == pytest.approx(-(1.5**2) / 2, abs=0.25)
     assert fit_term(fit.posterior, answers, "outline") == fit  # the old term is replaced
     reverse = [replace(a, evidence={"outline": -a.evidence.get("outline", 0.0)}) for a in answers]
-    harmful = fit_term(before, reverse, "outline").posterior.head.evidence["outline"]
-    assert (harmful.bias, harmful.slope) == (0, 0)
+    harmful = fit_term(before, reverse, "outline")
+    term = harmful.posterior.head.evidence["outline"]
+    assert (term.bias, term.slope) == (0, 0)
+    assert harmful.here_nll_after == harmful.here_nll_before
 
 
 def test_a_term_that_cannot_be_fitted_is_told():

@@ -171,7 +171,7 @@ class LabelEvidence(EvidenceModel):
     labels of query and place. If no object of the query has a range, both columns are 0. The column
     `bearing_detected_labels` then contains the share of the query's labels that the place has.
 
-    The posterior uses `labels_shared` only for queries without an outline of free space, which is more reliable.
+    The posterior uses `labels_shared` only for queries without an outline of free space. The outline is more reliable.
     """
 
     name = "labels"

@@ -262,7 +262,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         pose_row[row[ascending]] = ascending  # the last assignment wins: the best hypothesis with a pose
         order = np.lexsort((first, -score))
         rows = np.flatnonzero(row == order[0])
-        evidence = self._evidence.for_posterior(hypotheses.evidence, int(rows[np.argmax(value[rows])]))
+        best = int(rows[np.argmax(value[rows])])
+        evidence = self._evidence.for_posterior(hypotheses.evidence, best, description)
         return Ranking(names[order], score[order], pose_row[order], hypotheses.poses, hypotheses.search, evidence)
 
     def _without_pose(self, places: tuple[RankedPlace, ...], name: int, evidence: Mapping[str, float]) -> Localization:

@@ -132,9 +132,9 @@ def fit_method(
 ) -> list[str]:
     """Fit a method to the queries of tuning data, and write the fitted settings with their provenance to a file.
 
-    There are three steps. Each matching setting in `tries` is set to the value with the lowest loss. The setting
-    `weights` is fitted, if the method has it. The `posterior`, which turns scores into probabilities, is fitted to the
-    queries in maps with their place and in maps without it.
+    By default, there are three steps. Each matching setting in `tries` is set to the value with the lowest loss. The
+    setting `weights` is fitted, if the method has it. The `posterior`, which turns scores into probabilities, is fitted
+    to the queries in maps with their place and in maps without it.
 
     Args:
         method: The method.
@@ -153,9 +153,10 @@ def fit_method(
         The lines of a summary.
 
     Raises:
-        ConfigError: The method has neither weights nor a posterior, more than one of `tries`, `posterior_only` and
-            `term` are used, a setting to try is not a matching setting, or `output` is not named as a YAML file.
-        DataError: The queries have no usable answers, or the scores of all places are equal.
+        ConfigError: The method has neither weights nor a posterior, `term` is used with a method without a posterior,
+            more than one of `tries`, `posterior_only` and `term` are used, a setting to try is not a matching setting,
+            or `output` is not named as a YAML file.
+        DataError: The queries have no usable answers, the scores of all places are equal, or an error of `fit_term`.
     """
     output = Path(output)
     if output.suffix not in SUFFIXES:
@@ -166,12 +167,16 @@ def fit_method(
     if sum(options.values()) > 1:
         first, second = [name for name, is_used in options.items() if is_used][:2]
         raise ConfigError(f"received both {first} and {second}, expected at most one of {', '.join(options)}")
-    tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
-    fields, posterior = type(tunings[0].localizer.config).model_fields, tunings[0].localizer.posterior
-    if term is not None and posterior is None:
-        raise ConfigError(
-            f"received --term {term}, but the method {method} has no posterior: fit the whole posterior, without --term"
-        )
+    tunings: list[TuningData] = []
+    for one in data:
+        tunings.append(_describe(one, method, data_dir, overrides, progress, tell))
+        posterior = tunings[0].localizer.posterior
+        if term is not None and posterior is None:
+            raise ConfigError(
+                f"received --term {term}, but the method {method} has no posterior: fit the whole posterior, without "
+                "--term"
+            )
+    fields = type(tunings[0].localizer.config).model_fields
     content: dict[str, Any] = {}
     lines, gain = [], {}
     if "weights" in fields and not posterior_only and term is None:
@@ -214,7 +219,7 @@ def fit_method(
     }
     content = {**content, "posterior": fit.posterior.model_dump(mode="json"), "provenance": provenance}
     write_text(output, yaml.safe_dump(content, sort_keys=False))
-    return [*lines, *_summary(fit)]
+    return [*lines, *(_summary(fit) if term is None else _summary_of_term(fit, term))]
 
 
 def _describe(
@@ -292,6 +297,15 @@ def _scored(tuning: TuningData, changes: Mapping[str, Any]) -> Iterator[ScoredAn
             position = names.index(place) if place in names else None
             objects = localizer.count_objects(description)
             yield ScoredAnswer(scores, position, here, tuning.map_key, objects, map_objects, answer.evidence)
+
+
+def _summary_of_term(fit: Fit, term: str) -> list[str]:
+    slope = fit.posterior.head.evidence[term].slope
+    effect = f"slope {slope:.3g}" if slope else f"no effect, because out-of-map answers do not have a lower {term}"
+    return [
+        f"{term}: {effect}. Mean -ln(probability of the true case, in the map or not) {fit.here_nll_after:.3f}, "
+        f"{fit.here_nll_before:.3f} without {term}; {fit.answers} answers"
+    ]
 
 
 def _summary(fit: Fit) -> list[str]:
