@@ -100,16 +100,6 @@ class Loud(Paint):
     columns = (salframe.EvidenceColumn("Paint", "difference (0 to 1)", 4.0),)
 
 
-class Replaced(Paint):
-    """Names a replacement in the posterior, which does not use its column."""
-
-    name = "replaced"
-    columns = (
-        salframe.EvidenceColumn("paint", "difference (0 to 1)", 4.0, posterior_unless="outline"),
-        salframe.EvidenceColumn("zero", "zero"),
-    )
-
-
 BROKEN = [
     (Undeclared, "array 'varnish', expected only the arrays in its attribute `arrays`: paint"),
     (Taking, "array 'labels', but another component already returned an array of this name: choose another name"),
@@ -118,7 +108,6 @@ BROKEN = [
     (Forgetful, r"unpack the bedroom-query: received the arrays \[\], expected those of describe: \['paint'\]"),
     (Turning, r"the localizer with evidence=\[turning\] fails the check poses rotate with the panorama"),
     (Loud, "column 'Paint': received Paint, expected a name of lower-case letters"),
-    (Replaced, "posterior_unless='outline' with in_posterior=False, expected in_posterior=True"),
 ]
 """Components that break a rule, and the message."""
 

@@ -40,25 +40,17 @@ def fit(
         typer.Option(
             "--posterior-only",
             help="Fit only the conversion of scores to probabilities (posterior), not the weights of the score; cannot "
-            "be combined with --try or --term",
+            "be combined with --try",
         ),
     ] = False,
-    term: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COLUMN",
-            help="Fit only the effect of one column of evidence, such as `labels_shared`, on the out-of-map "
-            "probability; all other parameters are kept. Cannot be combined with --try or --posterior-only",
-        ),
-    ] = None,
     data_dir: DataDir = None,
     overrides: SetForMethod = None,
 ) -> None:
     """Fit the parameters of a method to tuning data.
 
-    By default, there are three steps. First, the best value of each setting in --try is selected. Then the weights of
-    the terms of the score are fitted, if the method has weights. Then the posterior is fitted. The posterior converts
-    scores to the probability of each place and the out-of-map probability. To use the fitted parameters, add `--set
+    There are three steps. First, the best value of each setting in --try is selected. Then the weights of the terms of
+    the score are fitted, if the method has weights. Then the posterior is fitted. The posterior converts scores to the
+    probability of each place and the out-of-map probability. To use the fitted parameters, add `--set
     posterior=FILE.yaml --set weights=FILE.yaml` to another command. FILE.yaml also contains the values that --try
     selected. They are not applied by these options: add --set KEY=VALUE for each of them.
     """
@@ -72,7 +64,6 @@ def fit(
             output,
             tries=tries or (),
             posterior_only=posterior_only,
-            term=term,
             data_dir=data_dir,
             overrides=overrides or (),
             progress=bars.update,

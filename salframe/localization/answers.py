@@ -106,8 +106,8 @@ class Localization:
             does not show, and the views to take during this turn. None if the query shows all directions, if views were
             fused, or if the method does not compute which directions a query shows. `LocalizationMap` sets it.
         evidence: Values of the evidence for the first place, by the name of the column. The posterior uses them. A
-            column is missing if the query or the map lacks its data, such as range, or if another column replaces it.
-            Empty from a method without evidence.
+            column is missing if the query or the map lacks its data, such as range. Empty from a method without
+            evidence.
         floors: Floors of the map, for the plan that notebooks show.
 
     Raises:

@@ -27,16 +27,12 @@ class EvidenceColumn:
             it with `salframe fit`.
         in_posterior: Whether the posterior uses the value of the first place, besides the differences between the
             scores of places. True for a value that means something by itself, such as a log likelihood ratio.
-        posterior_unless: Name of a column that replaces this one in the posterior. If the component of that column
-            describes a query (`EvidenceModel.describe` returns arrays), the posterior does not use this column. None:
-            no column replaces it.
     """
 
     name: str
     description: str
     weight: float | None = None
     in_posterior: bool = False
-    posterior_unless: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

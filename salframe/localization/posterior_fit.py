@@ -63,9 +63,8 @@ class Fit:
         place_nll_before: Mean negative log-likelihood of the true place in the `place_answers`, with temperature 1.
         place_nll_after: Mean negative log-likelihood of the true place in the `place_answers`, with the fitted
             temperature.
-        here_nll_before: Mean negative log-likelihood of the truth (query in the map, or not), over all answers, without
-            the fit. After `fit_posterior`, it is computed with the same probability for all answers: the share of
-            queries in the map. After `fit_term`, it is computed with the posterior without the term.
+        here_nll_before: Mean negative log-likelihood of the truth (query in the map, or not), over all answers. The
+            probability is the same for all answers: the share of queries in the map.
         here_nll_after: The same mean, with the probabilities of the fitted head.
     """
 
@@ -105,79 +104,21 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
             "places, or another method"
         )
     temperature = _fit_temperature(ranked, spread)
-    share = float(np.mean([answer.here for answer in answers]))
-    base_nll = -float(share * np.log(share) + (1 - share) * np.log(1 - share))
-    return _measured(Posterior(temperature=temperature, head=_fit_head(answers, temperature)), answers, base_nll)
-
-
-def fit_term(posterior: Posterior, answers: Sequence[ScoredAnswer], name: str) -> Fit:
-    """Fit the term of one column of evidence, and add it to a posterior. All other parameters of the posterior stay.
-
-    Only the answers that have the column are used. The mean, the deviation and their dependence on the number of
-    objects are computed from the out-of-map answers, as in `fit_posterior`. Bias and slope are fitted by a logistic
-    regression that separates correct answers from out-of-map answers. The logarithm of the likelihood ratio of the
-    posterior is a fixed part of its log-odds, with contrast and evidence standardized separately for each map. If the
-    fitted slope is negative, bias and slope are 0, and the term has no effect.
-
-    Raises:
-        DataError: There is no correct answer or no out-of-map answer with the column, or all out-of-map answers have
-            the same value in it.
-    """
-    columns = sorted({column for answer in answers for column in answer.evidence})
-    answers = [answer for answer in answers if name in answer.evidence]
-    data = _Answers.of(answers, posterior)
-    if not data.right.any() or data.here.all():
-        raise DataError(
-            f"{data.right.sum()} correct answers and {(~data.here).sum()} answers to out-of-map queries have the "
-            f"evidence {name!r}, expected at least one of each: use other tuning data, or other evidence (the answers "
-            f"have: {', '.join(columns) or 'none'})"
-        )
-    moments = data.fit_moments(data.evidence[name])
-    if moments.deviation == 0:
-        raise DataError(
-            f"in the answers to all out-of-map queries, the evidence {name!r} has the same value, expected different "
-            "values: use tuning data with more queries"
-        )
-    head = posterior.head
-    others = {column: term for column, term in head.evidence.items() if column != name}
-    known = head.bias + head.bias_effect * data.nu + head.slope * data.standardize(data.contrast, head)
-    for column in others.keys() & data.evidence.keys():
-        term = others[column]
-        known += np.nan_to_num(term.bias + term.slope * data.standardize(data.evidence[column], term))
-    accuracy_effect, accuracies = data.fit_accuracy()
-    offset = data.log_frequency(accuracy_effect, accuracies, head.accuracy) + known
-    z = moments.standardize(data.evidence[name], data.nu, data.map_number)
-    bias, (slope,) = data.separate(z[:, None], offset)
-    bias, slope = (bias, float(slope)) if slope > 0 else (0.0, 0.0)
-    term = EvidenceTerm(**moments.settings(), bias=bias, slope=slope)
-    without, with_term = (
-        posterior.model_copy(update={"head": head.model_copy(update={"evidence": evidence})})
-        for evidence in (others, {**others, name: term})
-    )
-    return _measured(with_term, answers, _here_nll(without, answers))
-
-
-def _measured(posterior: Posterior, answers: Sequence[ScoredAnswer], here_nll_before: float) -> Fit:
-    """Return a posterior with its mean negative log-likelihoods on answers."""
-    ranked = [answer for answer in answers if answer.here and answer.true_place is not None]
+    posterior = Posterior(temperature=temperature, head=_fit_head(answers, temperature))
+    in_map = np.array([answer.here for answer in answers], float)
+    contrasts = np.array([posterior.contrast(answer.scores) for answer in answers])
+    objects = np.array([answer.objects for answer in answers])
+    evidence = evidence_columns([answer.evidence for answer in answers])
+    base = in_map.mean()
     return Fit(
         posterior,
         len(answers),
         len(ranked),
         _place_nll(ranked, 1.0),
-        _place_nll(ranked, posterior.temperature),
-        here_nll_before,
-        _here_nll(posterior, answers),
+        _place_nll(ranked, temperature),
+        -float(base * np.log(base) + (1 - base) * np.log(1 - base)),
+        log_loss(posterior.head.in_map(contrasts, objects, evidence), in_map),
     )
-
-
-def _here_nll(posterior: Posterior, answers: Sequence[ScoredAnswer]) -> float:
-    """Return the mean negative log-likelihood of the truth (query in the map, or not), see `Fit`."""
-    contrasts = np.array([posterior.contrast(answer.scores) for answer in answers])
-    objects = np.array([answer.objects for answer in answers])
-    evidence = evidence_columns([answer.evidence for answer in answers])
-    in_map = np.array([answer.here for answer in answers], float)
-    return log_loss(posterior.head.in_map(contrasts, objects, evidence), in_map)
 
 
 def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
@@ -191,37 +132,50 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
         accuracy=0,
         other_score=float(np.mean(others)) if others else 0.0,
     )
-    data = _Answers.of(answers, Posterior(temperature=temperature, head=head))
-    of_contrast = data.fit_moments(data.contrast)
+    neutral = Posterior(temperature=temperature, head=head)
+    contrast = np.array([neutral.contrast(answer.scores) for answer in answers])
+    here = np.array([answer.here for answer in answers])
+    right = here & np.array([answer.true_place == 0 for answer in answers])
+    map_objects = np.array([answer.map_objects for answer in answers])
+    nu = relative_logarithm(np.array([answer.objects for answer in answers]), map_objects)
+    _, map_number = np.unique([answer.map for answer in answers], return_inverse=True)
+
+    of_contrast = _fit_moments(contrast, nu, map_number, ~here)
     if of_contrast.deviation == 0:
         raise DataError(
             "the answers to all out-of-map queries have the same scores, expected different scores: use tuning data "
             "with more queries"
         )
-    accuracy_effect, accuracies = data.fit_accuracy()
+    accuracy_effect, accuracies = _fit_accuracy(right[here], nu[here], map_number[here])
     accuracy = float(np.mean([*accuracies.values()]))
-    map_objects = np.array([answer.map_objects for answer in answers])
-    objects = [map_objects[data.map_number == number].mean() for number in np.unique(data.map_number)]
     head = head.model_copy(
         update={
             **of_contrast.settings(),
             "accuracy": accuracy,
-            "objects": float(np.mean(objects)),
+            "objects": float(np.mean([map_objects[map_number == number].mean() for number in np.unique(map_number)])),
             "accuracy_effect": accuracy_effect,
         }
     )
-    if not data.right.any():
+    used = right | ~here
+    if not right.any():
         return head
+    columns = evidence_columns([answer.evidence for answer in answers])
     terms = {
-        name: moments for name, value in data.evidence.items() if (moments := data.fit_moments(value)).deviation > 0
+        name: moments
+        for name, value in columns.items()
+        if (moments := _fit_moments(value, nu, map_number, ~here & np.isfinite(value))).deviation > 0
     }
-    nu, map_number = data.nu, data.map_number
-    features = [of_contrast.standardize(data.contrast, nu, map_number), nu]
+    features = [of_contrast.standardize(contrast, nu, map_number), nu]
     for name, moments in terms.items():
-        value = data.evidence[name]
-        features += [np.isfinite(value), np.nan_to_num(moments.standardize(value, nu, map_number))]
-    offset = data.log_frequency(accuracy_effect, accuracies, accuracy)
-    bias, (slope, bias_effect, *rest) = data.separate(np.stack(features, 1), offset)
+        features += [np.isfinite(columns[name]), np.nan_to_num(moments.standardize(columns[name], nu, map_number))]
+    # For a given number of objects, correct answers are a * (present / absent) times as frequent as out-of-map answers,
+    # where a is the accuracy. The likelihood ratio does not include this factor, which is therefore an offset.
+    map_accuracy = np.array([accuracies.get(number, accuracy) for number in map_number])
+    frequency = np.maximum(shift_probability(map_accuracy, accuracy_effect * nu), _MIN_ACCURACY)
+    weight = _equal_weights(map_number)
+    offset = np.log(frequency * weight[here].sum() / weight[~here].sum())
+    weight = weight[used] / weight[used].sum()
+    bias, (slope, bias_effect, *rest) = _fit_logistic(np.stack(features, 1)[used], right[used], weight, offset[used])
     evidence = {
         name: EvidenceTerm(**terms[name].settings(), bias=float(term_bias), slope=max(float(term_slope), 0.0))
         for name, term_bias, term_slope in zip(terms, rest[::2], rest[1::2], strict=True)
@@ -232,91 +186,6 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
 
 _MIN_ACCURACY = 1e-6
 """Lower bound of an accuracy, so that its logarithm is finite."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Answers:
-    """The columns of N scored answers.
-
-    Attributes:
-        contrast: (N,) float64 contrasts.
-        nu: (N,) float64 logarithms of relative numbers of objects, see `Head`.
-        here: (N,) bool, whether the true place is in the map.
-        right: (N,) bool, whether the first place is the true place.
-        map_number: (N,) int64 number of the map.
-        evidence: As in `evidence_columns`.
-    """
-
-    contrast: np.ndarray
-    nu: np.ndarray
-    here: np.ndarray
-    right: np.ndarray
-    map_number: np.ndarray
-    evidence: Mapping[str, np.ndarray]
-
-    @classmethod
-    def of(cls, answers: Sequence[ScoredAnswer], posterior: Posterior) -> _Answers:
-        """Return the columns of answers, with the contrasts that a posterior computes."""
-        here = np.array([answer.here for answer in answers], bool)
-        return cls(
-            np.array([posterior.contrast(answer.scores) for answer in answers]),
-            relative_logarithm(
-                np.array([answer.objects for answer in answers]), np.array([answer.map_objects for answer in answers])
-            ),
-            here,
-            here & np.array([answer.true_place == 0 for answer in answers], bool),
-            np.unique([answer.map for answer in answers], return_inverse=True)[1],
-            evidence_columns([answer.evidence for answer in answers]),
-        )
-
-    def fit_moments(self, value: np.ndarray) -> _Moments:
-        """Return the moments of the values (N,) of the out-of-map answers; NaN: unknown."""
-        return _fit_moments(value, self.nu, self.map_number, ~self.here & np.isfinite(value))
-
-    def standardize(self, value: np.ndarray, model: Head | EvidenceTerm) -> np.ndarray:
-        """Return values (N,), standardized separately for each map with the effects of the number of objects of a
-        model; NaN: unknown. If the out-of-map answers do not differ, the moments of the model are used."""
-        is_used = ~self.here & np.isfinite(value)
-        effects = model.mean_effect, model.deviation_effect
-        moments = _moments_by_map(value, self.nu, self.map_number, is_used, *effects)
-        if moments.deviation == 0:
-            return model.standardize(value, self.nu)
-        return moments.standardize(value, self.nu, self.map_number)
-
-    def fit_accuracy(self) -> tuple[float, dict[int, float]]:
-        """Return `accuracy_effect`, and the accuracy at nu = 0 of each map, see `_fit_accuracy`."""
-        return _fit_accuracy(self.right[self.here], self.nu[self.here], self.map_number[self.here])
-
-    def log_frequency(self, accuracy_effect: float, accuracies: Mapping[int, float], accuracy: float) -> np.ndarray:
-        """Return the logarithm (N,) of the number of correct answers per out-of-map answer, at the number of objects of
-        each answer.
-
-        It is a * (present / absent), where a is the accuracy. The likelihood ratio does not include this factor, which
-        is therefore an offset of the regression.
-
-        Args:
-            accuracy_effect: As in `Head`.
-            accuracies: Accuracy of each map with present queries, by its number.
-            accuracy: Accuracy of other maps.
-        """
-        map_accuracy = np.array([accuracies.get(number, accuracy) for number in self.map_number])
-        frequency = np.maximum(shift_probability(map_accuracy, accuracy_effect * self.nu), _MIN_ACCURACY)
-        weight = _equal_weights(self.map_number)
-        return np.asarray(np.log(frequency * weight[self.here].sum() / weight[~self.here].sum()))
-
-    def separate(self, features: np.ndarray, offset: np.ndarray) -> tuple[float, np.ndarray]:
-        """Fit a logistic regression that separates correct answers from out-of-map answers.
-
-        Args:
-            features: (N, F) features.
-            offset: (N,) known terms of the log-odds.
-
-        Returns:
-            The bias, and the coefficients (F,) of the features.
-        """
-        used = self.right | ~self.here
-        weight = _equal_weights(self.map_number)[used]
-        return _fit_logistic(features[used], self.right[used], weight / weight.sum(), offset[used])
 
 
 @dataclass(frozen=True)
@@ -372,19 +241,6 @@ def _fit_moments(value: np.ndarray, nu: np.ndarray, map_number: np.ndarray, is_u
     """Return the moments of the values (N,) of those answers that are used (N,): out-of-map answers with a known
     value."""
     effects = _fit_effects(value[is_used], nu[is_used], map_number[is_used])
-    return _moments_by_map(value, nu, map_number, is_used, *effects)
-
-
-def _moments_by_map(
-    value: np.ndarray,
-    nu: np.ndarray,
-    map_number: np.ndarray,
-    is_used: np.ndarray,
-    mean_effect: float,
-    deviation_effect: float,
-) -> _Moments:
-    """Return the moments of the values (N,) of those answers that are used (N,), with known effects of nu (N,)."""
-    effects = mean_effect, deviation_effect
     moments = {
         int(number): absent_moments(value[rows], nu[rows], *effects)
         for number in np.unique(map_number)

@@ -64,12 +64,6 @@ class EvidenceRules(Rules[EvidenceModel]):
             expect(
                 column.weight is None or np.isfinite(column.weight), checked, f"weight {column.weight}", "a finite one"
             )
-            expect(
-                column.in_posterior or column.posterior_unless is None,
-                checked,
-                f"posterior_unless={column.posterior_unless!r} with in_posterior=False",
-                "in_posterior=True, because posterior_unless concerns only the posterior",
-            )
 
     def packing_is_stable(self) -> None:
         model = self.make()

@@ -106,17 +106,6 @@ def test_descriptions_are_known_by_what_is_stored_of_the_evidence():
     assert of_list["outline"] != of_list["outline repainted"]
 
 
-def test_a_complete_head_has_no_terms_of_the_shipped_posterior():
-    shipped = config().posterior
-    assert shipped.head.evidence.keys() == {"likelihood", "outline", "labels_shared"}
-    numbers = shipped.head.model_dump(exclude={"evidence"})
-    assert config(posterior={"head": numbers}).posterior.head.evidence == {}
-    assert config(posterior={"head": {"slope": 0.5}}).posterior.head.evidence == shipped.head.evidence
-    changed = config(posterior={"head": {"evidence": {"outline": {"slope": 0.0}}}}).posterior.head.evidence
-    assert changed["outline"].slope == 0
-    assert changed["likelihood"] == shipped.head.evidence["likelihood"]
-
-
 def test_a_changed_list_is_one_change():
     """The weights of columns that are gone are none; one that was added has its key."""
     changes = dict(changed_settings(config(evidence=["outline"]), config()))
@@ -132,24 +121,6 @@ def test_each_column_is_a_setting_with_its_meaning():
     assert rows["weights.paint"].help == "weight of the difference (0 to 1)"
     assert rows["weights.outline"].value == rows["weights.outline"].default == shipped_weights()["outline"]
     assert "weights.panorama" not in rows
-
-
-def test_an_outline_replaces_the_shared_labels_in_the_posterior():
-    """Also where no hypothesis has a pose, so that its outline is not compared."""
-    built = build()
-    (query, *_) = query_frames()
-    description = describe_frame(built.localizer, query)[0]
-    other_rooms = [frame for frame in map_frames() if frame.place != query_truths()[query.id].place]
-    alone = LocalizationMap.build(SaliencyPlacesLocalizer(config()), other_rooms[:1])
-    for localized in (built, alone):
-        assert "labels_shared" not in localized.answer(description).evidence
-    for evidence, expected in (
-        (DEFAULT, {"likelihood", "outline"}),
-        (["likelihood", "labels"], {"likelihood", "labels_shared"}),
-    ):
-        built = build(evidence=evidence, weights={})
-        for query in query_frames():
-            assert built.answer(describe_frame(built.localizer, query)[0]).evidence.keys() == expected
 
 
 def test_the_evidence_of_a_plugin_is_weighed(tmp_path):

@@ -12,7 +12,7 @@ from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.validation import validate
 from salframe.localization.answers import Localization, RankedPlace
 from salframe.localization.posterior import EvidenceTerm, Head, Posterior, read_fitted, shares
-from salframe.localization.posterior_fit import ScoredAnswer, fit_posterior, fit_term
+from salframe.localization.posterior_fit import ScoredAnswer, fit_posterior
 
 NEUTRAL = {"absent_mean": 0.0, "absent_deviation": 1.0, "bias": 0.0, "slope": 0.0, "accuracy": 1.0, "other_score": 0.0}
 """A head that returns one half for every answer."""
@@ -190,50 +190,6 @@ def test_a_fit_recovers_the_evidence_that_half_of_the_answers_have():
     without = fit_posterior([replace(answer, evidence={}) for answer in answers])
     assert fit.here_nll_after < without.here_nll_after
     assert without.posterior.head.evidence == {}
-
-
-def test_a_fitted_term_changes_no_other_parameter():
-    """The outline of right answers is higher by 1.5 deviations of 5. The labels, which the posterior has, are
-    independent of it, as is the contrast. Half of the answers have no outline."""
-    rng = np.random.default_rng(8)
-    answers = []
-    for map, mean in (("one", 30.0), ("other", 50.0)):
-        for here in (True, False):
-            for number in range(4000):
-                right = here and rng.uniform() < 0.8
-                scores = np.array([6 + rng.standard_normal() + 2 * right, 0.0])
-                evidence = {"labels": rng.standard_normal() + right}
-                if number % 2:
-                    evidence["outline"] = mean + 5 * (rng.standard_normal() + 1.5 * right)
-                answers.append(ScoredAnswer(scores, int(not right) if here else None, here, map, evidence=evidence))
-    before = fit_posterior([replace(a, evidence={"labels": a.evidence["labels"]}) for a in answers]).posterior
-    fit = fit_term(before, answers, "outline")
-    head = fit.posterior.head
-    assert fit.answers == 8000
-    of_one_map = fit_term(before, [answer for answer in answers if answer.map == "one"], "outline")
-    assert of_one_map.here_nll_after < of_one_map.here_nll_before
-    assert head.model_copy(update={"evidence": before.head.evidence}) == before.head
-    assert {name: term for name, term in head.evidence.items() if name != "outline"} == before.head.evidence
-    term = head.evidence["outline"]
-    assert term.absent_mean == pytest.approx(40, abs=0.4)
-    assert term.absent_deviation == pytest.approx(5, rel=0.05)
-    assert term.slope == pytest.approx(1.5, rel=0.1)
-    assert term.bias == pytest.approx(-(1.5**2) / 2, abs=0.25)
-    assert fit_term(fit.posterior, answers, "outline") == fit  # the old term is replaced
-    reverse = [replace(a, evidence={"outline": -a.evidence.get("outline", 0.0)}) for a in answers]
-    harmful = fit_term(before, reverse, "outline")
-    term = harmful.posterior.head.evidence["outline"]
-    assert (term.bias, term.slope) == (0, 0)
-    assert harmful.here_nll_after == harmful.here_nll_before
-
-
-def test_a_term_that_cannot_be_fitted_is_told():
-    answers = list(drawn(20, 3))
-    before = fit_posterior(answers).posterior
-    with pytest.raises(DataError, match="0 correct answers and 0 answers to out-of-map queries have the evidence 'x'"):
-        fit_term(before, answers, "x")
-    with pytest.raises(DataError, match="the evidence 'x' has the same value, expected different values"):
-        fit_term(before, [replace(answer, evidence={"x": 1.0}) for answer in answers], "x")
 
 
 def test_evidence_that_all_answers_have_changes_no_bias():

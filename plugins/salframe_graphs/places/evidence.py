@@ -178,20 +178,12 @@ class PlaceEvidence:
                 columns |= _checked(model, model.score(description, hypotheses), len(rows))
         return Evidence([self.places.names[name] for name in names.tolist()], columns)
 
-    def for_posterior(self, evidence: Evidence, row: int, description: Description) -> dict[str, float]:
+    def for_posterior(self, evidence: Evidence, row: int) -> dict[str, float]:
         """Return the columns that the posterior uses, with their values for the hypothesis `row`.
 
-        A column with the value 0 is left out: the query or the map lacks its data, or the hypothesis has no pose. A
-        column that another one replaces (`EvidenceColumn.posterior_unless`) is left out too.
-
-        Args:
-            evidence: The evidence for the hypotheses of a query.
-            row: Index of the hypothesis.
-            description: The description of the query.
+        A column with the value 0 is left out: the query or the map lacks its data, or the hypothesis has no pose.
         """
-        described = {column.name for model in self._models if model.arrays_of(description) for column in model.columns}
-        columns = [column for model in self._models for column in model.columns if column.in_posterior]
-        names = [column.name for column in columns if column.posterior_unless not in described]
+        names = [column.name for model in self._models for column in model.columns if column.in_posterior]
         return {name: value for name in names if (value := float(evidence.values[name][row]))}
 
     def _added(self, description: Description, arrays_of: Callable[[EvidenceModel], Description]) -> Description:

@@ -170,8 +170,6 @@ class LabelEvidence(EvidenceModel):
     `detected_labels` is the share of the query's labels that the place has. `labels_shared` is the Jaccard index of the
     labels of query and place. If no object of the query has a range, both columns are 0. The column
     `bearing_detected_labels` then contains the share of the query's labels that the place has.
-
-    The posterior uses `labels_shared` only for queries without an outline of free space. The outline is more reliable.
     """
 
     name = "labels"
@@ -182,10 +180,7 @@ class LabelEvidence(EvidenceModel):
             "share of the query's labels (0 to 1) that the candidate place has; rare labels count more",
         ),
         EvidenceColumn(
-            "labels_shared",
-            "Jaccard index of the labels of query and candidate place; rare labels count more",
-            in_posterior=True,
-            posterior_unless="outline",
+            "labels_shared", "Jaccard index of the labels of query and candidate place; rare labels count more"
         ),
         EvidenceColumn(
             "bearing_detected_labels",

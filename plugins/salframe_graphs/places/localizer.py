@@ -94,7 +94,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "16"
+    version = "15"
     uses_floors = True
 
     class Config(PlacesConfig):
@@ -262,8 +262,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         pose_row[row[ascending]] = ascending  # the last assignment wins: the best hypothesis with a pose
         order = np.lexsort((first, -score))
         rows = np.flatnonzero(row == order[0])
-        best = int(rows[np.argmax(value[rows])])
-        evidence = self._evidence.for_posterior(hypotheses.evidence, best, description)
+        evidence = self._evidence.for_posterior(hypotheses.evidence, int(rows[np.argmax(value[rows])]))
         return Ranking(names[order], score[order], pose_row[order], hypotheses.poses, hypotheses.search, evidence)
 
     def _without_pose(self, places: tuple[RankedPlace, ...], name: int, evidence: Mapping[str, float]) -> Localization:

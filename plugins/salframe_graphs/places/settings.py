@@ -12,7 +12,7 @@ from salframe.framework.component import added, match_only
 from salframe.framework.components.slots import slot, slots
 from salframe.framework.config import merge, read_yaml
 from salframe.framework.validation import Settings, validate
-from salframe.localization.posterior import Head, Posterior, read_fitted
+from salframe.localization.posterior import Posterior, read_fitted
 from salframe_graphs.graph_localizer import GraphLocalizerConfig
 from salframe_graphs.panorama_scores import PanoramaScoresConfig
 from salframe_graphs.places.distant_views import DistantViews
@@ -32,21 +32,9 @@ def shipped_posterior() -> Posterior:
 
 def _merge_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any:
     """Return a setting of fitted numbers: the user's values, and shipped values for the numbers that the user did not
-    set.
-
-    The terms of evidence of a posterior were fitted together with the other numbers of its head. A user's head with all
-    of these numbers therefore gets no shipped terms.
-    """
+    set."""
     fitted = read_fitted(part, value)
-    if not isinstance(fitted, Mapping):
-        return fitted
-    numbers = shipped().model_dump()
-    head = fitted.get("head")
-    if isinstance(head, Mapping) and {name for name, field in Head.model_fields.items() if field.is_required()} <= {
-        *head
-    }:
-        del numbers["head"]["evidence"]
-    return merge(numbers, fitted)
+    return merge(shipped().model_dump(), fitted) if isinstance(fitted, Mapping) else fitted
 
 
 def _fill_weights(value: Any, info: ValidationInfo) -> Any:

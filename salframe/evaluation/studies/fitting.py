@@ -28,7 +28,7 @@ from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence, fit_weights
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
-from salframe.localization.posterior_fit import Fit, ScoredAnswer, fit_posterior, fit_term
+from salframe.localization.posterior_fit import Fit, ScoredAnswer, fit_posterior
 from salframe.localization.preparing import Tell, prepare, silent
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
@@ -124,7 +124,6 @@ def fit_method(
     *,
     tries: Sequence[str] = (),
     posterior_only: bool = False,
-    term: str | None = None,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
@@ -132,9 +131,9 @@ def fit_method(
 ) -> list[str]:
     """Fit a method to the queries of tuning data, and write the fitted settings with their provenance to a file.
 
-    By default, there are three steps. Each matching setting in `tries` is set to the value with the lowest loss. The
-    setting `weights` is fitted, if the method has it. The `posterior`, which turns scores into probabilities, is fitted
-    to the queries in maps with their place and in maps without it.
+    There are three steps. Each matching setting in `tries` is set to the value with the lowest loss. The setting
+    `weights` is fitted, if the method has it. The `posterior`, which turns scores into probabilities, is fitted to the
+    queries in maps with their place and in maps without it.
 
     Args:
         method: The method.
@@ -142,8 +141,6 @@ def fit_method(
         output: The YAML file to write.
         tries: Matching settings to try, as "key.path=value,value".
         posterior_only: Whether to keep the matching settings and the weights, and to fit only the posterior.
-        term: Name of a column of evidence. Only the term of this column in the posterior is fitted, see `fit_term`. All
-            other parameters are kept.
         data_dir: The `root` of datasets that have one.
         overrides: Settings of the method, the data ("data.KEY") and the engine ("engine.KEY"), as "key.path=value".
         progress: Reports the progress.
@@ -153,33 +150,25 @@ def fit_method(
         The lines of a summary.
 
     Raises:
-        ConfigError: The method has neither weights nor a posterior, `term` is used with a method without a posterior,
-            more than one of `tries`, `posterior_only` and `term` are used, a setting to try is not a matching setting,
-            or `output` is not named as a YAML file.
-        DataError: The queries have no usable answers, the scores of all places are equal, or an error of `fit_term`.
+        ConfigError: The method has neither weights nor a posterior, `tries` is used with `posterior_only`, a setting to
+            try is not a matching setting, or `output` is not named as a YAML file.
+        DataError: The queries have no usable answers, or the scores of all places are equal.
     """
     output = Path(output)
     if output.suffix not in SUFFIXES:
         raise ConfigError(f"the output file is {output}, expected a file name that ends in {' or '.join(SUFFIXES)}")
     if not data:
         raise ConfigError("received no tuning data, expected at least one dataset")
-    options = {"--try": bool(tries), "--posterior-only": posterior_only, "--term": term is not None}
-    if sum(options.values()) > 1:
-        first, second = [name for name, is_used in options.items() if is_used][:2]
-        raise ConfigError(f"received both {first} and {second}, expected at most one of {', '.join(options)}")
-    tunings: list[TuningData] = []
-    for one in data:
-        tunings.append(_describe(one, method, data_dir, overrides, progress, tell))
-        posterior = tunings[0].localizer.posterior
-        if term is not None and posterior is None:
-            raise ConfigError(
-                f"received --term {term}, but the method {method} has no posterior: fit the whole posterior, without "
-                "--term"
-            )
+    if posterior_only and tries:
+        raise ConfigError(
+            "received both --try and --posterior-only, expected at most one of them, because --posterior-only changes "
+            "no settings"
+        )
+    tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
     fields = type(tunings[0].localizer.config).model_fields
     content: dict[str, Any] = {}
     lines, gain = [], {}
-    if "weights" in fields and not posterior_only and term is None:
+    if "weights" in fields and not posterior_only:
         chosen = _try(tunings, tries, tell)
         weights, before, after = _fit(tunings, chosen)
         fitted_weights = {name: float(f"{value:.4g}") for name, value in weights.items()}
@@ -195,7 +184,7 @@ def fit_method(
         )
     answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
     try:
-        fit = fit_posterior(answers) if term is None or posterior is None else fit_term(posterior, answers, term)
+        fit = fit_posterior(answers)
     except DataError as error:
         raise DataError(f"the method {method} cannot be fitted: {error}") from None
     gain |= {
@@ -213,13 +202,12 @@ def fit_method(
         ],
         "set": list(overrides),
         "try": list(tries),
-        "term": term,
         "mean_negative_log_likelihood": gain,
         "salframe": installed_version("salframe"),
     }
     content = {**content, "posterior": fit.posterior.model_dump(mode="json"), "provenance": provenance}
     write_text(output, yaml.safe_dump(content, sort_keys=False))
-    return [*lines, *(_summary(fit) if term is None else _summary_of_term(fit, term))]
+    return [*lines, *_summary(fit)]
 
 
 def _describe(
@@ -297,15 +285,6 @@ def _scored(tuning: TuningData, changes: Mapping[str, Any]) -> Iterator[ScoredAn
             position = names.index(place) if place in names else None
             objects = localizer.count_objects(description)
             yield ScoredAnswer(scores, position, here, tuning.map_key, objects, map_objects, answer.evidence)
-
-
-def _summary_of_term(fit: Fit, term: str) -> list[str]:
-    slope = fit.posterior.head.evidence[term].slope
-    effect = f"slope {slope:.3g}" if slope else f"no effect, because out-of-map answers do not have a lower {term}"
-    return [
-        f"{term}: {effect}. Mean -ln(probability of the true case, in the map or not) {fit.here_nll_after:.3f}, "
-        f"{fit.here_nll_before:.3f} without {term}; {fit.answers} answers"
-    ]
 
 
 def _summary(fit: Fit) -> list[str]:

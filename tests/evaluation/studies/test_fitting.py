@@ -159,15 +159,6 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
         == 0
     )
     assert set(yaml.safe_load((tmp_path / "only.yaml").read_text())) == {"posterior", "provenance"}
-    absent = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--term", "near")
-    assert (absent.code, len(absent.err.splitlines())) == (2, 1)
-    assert "received --term near, but the method weighing has no posterior" in absent.err
-    absent = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--term", "near", "--set", "posterior=only.yaml")
-    assert (absent.code, len(absent.err.splitlines())) == (2, 1)
-    assert "0 answers to out-of-map queries have the evidence 'near'" in absent.err
-    both = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--posterior-only", "--term", "near")
-    assert (both.code, len(both.err.splitlines())) == (2, 1)
-    assert "received both --posterior-only and --term, expected at most one of --try" in both.err
     both = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--posterior-only", "--try", "offset=1")
     assert (both.code, len(both.err.splitlines())) == (2, 1)
     assert "received both --try and --posterior-only" in both.err
