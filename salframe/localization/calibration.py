@@ -41,8 +41,8 @@ MAX_BIAS_CHANGE = 4.0
 """Maximum magnitude of the change of the bias."""
 REJECTED_SHARE = 0.05
 """Share of the correct answers below the estimated `min_log_ratio`. Like REJECTION_PRIOR, it was chosen on the ten real
-buildings for tuning: at most 10 % of the correct answers and at least 82 % of the out-of-map answers are not
-accepted."""
+buildings for tuning. The goal was that at most 10 % of the correct answers and at least 82 % of the out-of-map answers
+are not accepted."""
 REJECTION_PRIOR = 10.0
 """Weight of the value 0 in the estimate of `min_log_ratio`, as an equivalent number of correct answers."""
 LOWEST_MIN_LOG_RATIO = -float(np.log(2))
